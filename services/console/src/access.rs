@@ -3,10 +3,8 @@
 //! A browser sends whatever a page asks it to, also to this machine's loopback. So a request must name a host that is an address, `localhost`
 //! or configured (else a page elsewhere could give its own name this address), and must come from a page of that same host.
 
-use std::net::IpAddr;
-
 use repose_proto::{CallError, ErrorCode};
-use repose_runtime::AccessToken;
+use repose_runtime::{AccessToken, host_name, is_own_host};
 use serde::Serialize;
 
 use crate::{ConsoleConfig, ConsoleError};
@@ -83,10 +81,8 @@ impl Access {
     /// What is wrong, for a person.
     pub fn admits(&self, host: Option<&str>, origin: Option<&str>, fetch_site: Option<&str>) -> Result<(), String> {
         let host = host.ok_or("the request names no host")?;
-        let name = host_name(host);
-        let is_address = name.parse::<IpAddr>().is_ok();
-        let is_known = is_address || name == "localhost" || self.hosts.iter().any(|known| known.eq_ignore_ascii_case(name));
-        if !is_known {
+        if !is_own_host(host, &self.hosts) {
+            let name = host_name(host);
             return Err(format!("{name:?} is no name of this console: expected an address, localhost or one of [console] hosts"));
         }
         if let Some(origin) = origin {
@@ -99,14 +95,6 @@ impl Access {
             Some("cross-site" | "same-site") => Err("a page of another site may not ask this console".to_owned()),
             _ => Ok(()),
         }
-    }
-}
-
-/// The host of `host:port`, without the brackets of an IPv6 address.
-fn host_name(host: &str) -> &str {
-    match host.strip_prefix('[') {
-        Some(rest) => rest.split(']').next().unwrap_or(rest),
-        None => host.rsplit_once(':').map_or(host, |(name, _)| name),
     }
 }
 

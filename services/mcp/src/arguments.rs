@@ -52,7 +52,7 @@ pub enum Named {
 pub struct Term {
     /// The relation of the moved object to the other, as the camera sees it.
     pub relation: Relation,
-    /// The other object.
+    /// The other object. What holds of several takes a term for each; a sentence may say "the books".
     pub to: Named,
     /// Whether it must not hold.
     #[serde(default)]

@@ -1,6 +1,6 @@
 //! Who may connect over HTTP: this machine, or whoever shows the token; never a page of another site.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use repose_proto::CallError;
-use repose_runtime::{AccessToken, Shutdown};
+use repose_runtime::{AccessToken, Shutdown, is_own_host};
 use tokio::net::TcpListener;
 
 use crate::McpError;
@@ -90,7 +90,7 @@ struct Door {
 async fn guarded(State(door): State<Arc<Door>>, request: Request, next: Next) -> Response {
     let named = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
     let named = named.or_else(|| request.uri().authority().map(|authority| authority.as_str()));
-    if !named.is_some_and(|host| is_known(host, &door.hosts)) {
+    if !named.is_some_and(|host| is_own_host(host, &door.hosts)) {
         let message = "the request's Host is no name of this server: expected an address, localhost or one of --host\n";
         return (StatusCode::FORBIDDEN, message).into_response();
     }
@@ -98,16 +98,6 @@ async fn guarded(State(door): State<Arc<Door>>, request: Request, next: Next) ->
         true => next.run(request).await,
         false => (StatusCode::UNAUTHORIZED, [(header::WWW_AUTHENTICATE, "Bearer")], "this server needs its token\n").into_response(),
     }
-}
-
-/// Whether a `Host` is one that this server goes by. Any address is: a page of somewhere else, whose name was given our address, comes under its name.
-fn is_known(host: &str, hosts: &[String]) -> bool {
-    let name = match host.strip_prefix('[') {
-        Some(rest) => rest.split(']').next().unwrap_or(rest),
-        None => host.rsplit_once(':').map_or(host, |(name, _)| name),
-    };
-    let is_own = name.eq_ignore_ascii_case("localhost") || hosts.iter().any(|known| known.eq_ignore_ascii_case(name));
-    is_own || name.parse::<IpAddr>().is_ok()
 }
 
 fn admits(token: Option<AccessToken>, headers: &HeaderMap) -> bool {
@@ -138,10 +128,10 @@ mod tests {
         for host in
             ["localhost:7449", "127.0.0.1:7449", "192.168.1.20:7449", "[::1]:7449", "[fe80::1]", "robot-1.example", "Robot-1.example:7449"]
         {
-            assert!(is_known(host, &hosts), "{host}");
+            assert!(is_own_host(host, &hosts), "{host}");
         }
         for host in ["evil.example:7449", "localhost.evil.example", "127.0.0.1.evil.example", ""] {
-            assert!(!is_known(host, &hosts), "{host}");
+            assert!(!is_own_host(host, &hosts), "{host}");
         }
     }
 

@@ -13,7 +13,7 @@ use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, PlaceRequest, PlaceResult};
 use repose_runtime::{CallOptions, CancellationToken, reaching_robot};
 use repose_sentences::placement::{center_of, describe, merits, motion, relaxation, tally};
-use repose_words::{ObjectAppearance, find, looks_of, understand};
+use repose_words::{ObjectAppearance, Reason, RefusedSentence, find, looks_of, understand};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -41,8 +41,8 @@ pub struct PlanOutput {
     pub query: u16,
     /// What was asked to hold, numbers of the scene: `left_of:2`, `not:near:3`.
     pub goal: Vec<String>,
-    /// How words were taken: each phrase with its object's number.
-    pub understood: BTreeMap<String, u16>,
+    /// How words were taken: each phrase with the numbers of its objects, several of "the books".
+    pub understood: PhraseObjects,
     /// How the object is moved.
     pub motion: Option<String>,
     /// The probability that it succeeds in every respect; none where nobody evaluated it.
@@ -55,11 +55,14 @@ pub struct PlanOutput {
     pub reasons: Vec<String>,
 }
 
+/// Phrases, each with the numbers of its objects.
+type PhraseObjects = BTreeMap<String, Vec<u16>>;
+
 /// What is wished for on a scene.
 struct Wish {
     query: u16,
     goal: Vec<GoalTerm>,
-    understood: BTreeMap<String, u16>,
+    understood: PhraseObjects,
 }
 
 /// What the arm says of ranked placements.
@@ -177,12 +180,18 @@ fn wish_of(asked: &PlanArguments, seen: &ShownScene) -> Result<Wish, CallError> 
         (Some(_), None) if !asked.goal.is_empty() => Err(CallError::invalid("goal", "a sentence says the goal, too")),
         (None, None) => Err(CallError::invalid("move", "expected the object to move, or the wish as a sentence in `say`")),
         (Some(sentence), None) => {
-            let meant = understand(sentence, &looks).map_err(|refused| CallError::invalid("say", refused.to_string()))?;
-            let understood = meant.taken.into_iter().map(|taken| (taken.phrase, taken.object)).collect();
+            let meant = understand(sentence, &looks).map_err(|refused| unclear("say", &refused))?;
+            let mut understood = PhraseObjects::new();
+            for taken in meant.taken {
+                let objects = understood.entry(taken.phrase).or_default();
+                if !objects.contains(&taken.object) {
+                    objects.push(taken.object);
+                }
+            }
             Ok(Wish { query: meant.query, goal: meant.goal, understood })
         }
         (None, Some(object)) => {
-            let mut naming = Naming { looks: &looks, has_scene: asked.scene.is_some(), understood: BTreeMap::new() };
+            let mut naming = Naming { looks: &looks, has_scene: asked.scene.is_some(), understood: PhraseObjects::new() };
             let query = naming.number("move", object)?;
             let term = |(k, term): (usize, &crate::arguments::Term)| {
                 let anchor = naming.number(&format!("goal[{k}].to"), &term.to)?;
@@ -198,7 +207,7 @@ fn wish_of(asked: &PlanArguments, seen: &ShownScene) -> Result<Wish, CallError> 
 struct Naming<'a> {
     looks: &'a [ObjectAppearance],
     has_scene: bool,
-    understood: BTreeMap<String, u16>,
+    understood: PhraseObjects,
 }
 
 impl Naming<'_> {
@@ -211,12 +220,23 @@ impl Naming<'_> {
             Named::Number(number) if self.looks.iter().any(|look| look.id == *number) => Ok(*number),
             Named::Number(number) => Err(CallError::not_found(field, format!("the scene has no object {number}"))),
             Named::Description(phrase) => {
-                let number = find(phrase, self.looks).map_err(|refused| CallError::invalid(field, refused.to_string()))?;
-                self.understood.insert(phrase.clone(), number);
+                let number = find(phrase, self.looks).map_err(|refused| unclear(field, &refused))?;
+                self.understood.insert(phrase.clone(), vec![number]);
                 Ok(number)
             }
         }
     }
+}
+
+/// The refusal of words, with what an agent can do where they are about several objects.
+fn unclear(field: &str, refused: &RefusedSentence) -> CallError {
+    let way = match (&refused.reason, field) {
+        (Reason::Plural { .. }, "move" | "say") => "; a plan moves one object: ask for a plan for each of them",
+        (Reason::Plural { .. }, _) => "; give each of them a term of its own",
+        (Reason::SeveralObjects { .. }, _) => "; say more of the one that is meant, or give its number with the scene's name",
+        _ => "",
+    };
+    CallError::invalid(field, format!("{refused}{way}"))
 }
 
 /// What is said of an answer, and the plan that comes of it.
@@ -272,7 +292,11 @@ fn judged(
 }
 
 fn sentences(planned: &PlanOutput, result: &PlaceResult) -> String {
-    let mut lines: Vec<String> = planned.understood.iter().map(|(phrase, object)| format!("{phrase:?} is object {object}")).collect();
+    let taken = |(phrase, objects): (&String, &Vec<u16>)| match objects[..] {
+        [object] => format!("{phrase:?} is object {object}"),
+        _ => format!("{phrase:?} are objects {}", objects.iter().map(u16::to_string).collect::<Vec<_>>().join(" and ")),
+    };
+    let mut lines: Vec<String> = planned.understood.iter().map(taken).collect();
     match (&planned.plan, &planned.motion, &planned.evidence) {
         (Some(plan), Some(motion), Some(evidence)) => {
             lines.push(format!("plan {plan}: object {}, goal {}: {motion}", planned.query, planned.goal.join(" and ")));

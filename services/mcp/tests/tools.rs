@@ -79,6 +79,33 @@ async fn a_plan_is_made_by_number_by_looks_or_in_a_sentence_and_none_says_why() 
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn all_objects_of_a_phrase_are_told_and_what_to_do_where_one_is_expected() {
+    let cell = start(false).await;
+    let said = json!({"say": "put the red box left of the blue box, away from the boxes"});
+    let answer = ask(&cell, "plan", said).await.expect("an answer");
+    assert_eq!(answer.data["goal"], json!(["left_of:2", "not:near:2", "not:near:3"]));
+    assert_eq!(answer.data["understood"], json!({"the red box": [1], "the blue box": [2], "the boxes": [2, 3]}));
+    assert!(
+        answer.text.contains("\"the boxes\" are objects 2 and 3") && answer.text.contains("\"the red box\" is object 1"),
+        "{}",
+        answer.text
+    );
+    let to_several = json!({"move": "the red box", "goal": [{"relation": "near", "to": "the boxes", "not": true}]});
+    let cases = [
+        (to_several, "goal[0].to", "a term of its own"),
+        (json!({"move": "the boxes", "goal": []}), "move", "a plan for each of them"),
+        (json!({"say": "put the boxes left of the blue box"}), "say", "a plan for each of them"),
+        (json!({"move": "the box", "goal": []}), "move", "or give its number"),
+    ];
+    for (arguments, field, way) in cases {
+        let (code, at, message) = refused(ask(&cell, "plan", arguments).await);
+        assert_eq!((code, at.as_deref()), (ErrorCode::InvalidArgument, Some(field)));
+        assert!(message.contains("several objects") && message.contains(way), "{message}");
+        assert!(message.contains("object 1") && message.contains("object 3"), "all are named: {message}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn nothing_is_carried_out_where_it_is_not_allowed_and_a_stop_always_is() {
     let cell = start(false).await;
     let plan = planned(&cell).await;

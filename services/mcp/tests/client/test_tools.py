@@ -51,6 +51,7 @@ async def sees_and_plans(client: Client) -> None:
     by_words = await client.call_tool("plan", {"say": f"put object {moved} {relation.replace('_of', '')} of object {anchor}"})
     if relation != "behind":
         assert data(by_words)["goal"] == plan["goal"]
+        assert data(by_words)["understood"] == {f"object {moved}": [moved], f"object {anchor}": [anchor]}
 
     contradiction = [{"relation": "left_of", "to": anchor}, {"relation": "right_of", "to": anchor}]
     none = data(await client.call_tool("plan", {"scene": plan["scene"], "move": moved, "goal": contradiction}))

@@ -10,7 +10,7 @@ use crate::shape::ShapeKind;
 pub enum Head {
     /// "object", "thing".
     Any,
-    /// "one": the noun said before it, if that fits anything.
+    /// "one": the noun said before it, or any object where no other has that noun.
     One,
     /// A noun that claims a shape.
     Kind(ShapeKind),
@@ -44,6 +44,19 @@ pub enum Measure {
     Away,
 }
 
+/// When words after a noun tell which object is meant, in a sentence that says a place, too. They may as well be a part of that place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Telling {
+    /// Always: they have "that is" before them, or a verb after them ("and put it", "goes").
+    Always,
+    /// Where the object cannot be told without them: "put the mug left of the plate on the box", if there are two mugs.
+    IfNeeded,
+    /// There, and where they surely are true of the object: "put the ball on the plate on the box", if it lies on the plate.
+    IfTrue,
+    /// Never: "to the left" of "put the mug to the left near the bowl" says where to.
+    Never,
+}
+
 /// One of several, by comparison.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pick {
@@ -53,8 +66,19 @@ pub struct Pick {
     pub least: bool,
     /// Which in that order, from 1; none is the one in the middle.
     pub rank: Option<usize>,
-    /// As for a clause: "the mug on the left" has no "that is", and may as well say where to put the mug.
-    pub only_if_needed: bool,
+    /// When it tells the object: "the mug on the left" may as well say where to put the mug.
+    pub telling: Telling,
+}
+
+/// The object that is nearest to another, or farthest from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Distance {
+    /// Whether it is the nearest.
+    pub nearest: bool,
+    /// The other.
+    pub to: Box<Description>,
+    /// When it tells the object: "the mug closest to the bowl" may as well say where to put the mug.
+    pub telling: Telling,
 }
 
 /// A noun phrase.
@@ -78,8 +102,8 @@ pub struct Description {
     pub ordinal: Option<usize>,
     /// Comparisons, in the order of the phrase.
     pub picks: Vec<Pick>,
-    /// "nearest to …" (least) and "farthest from …".
-    pub distance: Option<(bool, Box<Self>)>,
+    /// "nearest to …" and "farthest from …".
+    pub distance: Option<Distance>,
     /// "that is left of …".
     pub clauses: Vec<Clause>,
 }
@@ -89,14 +113,22 @@ impl Description {
     /// of it whether or not it is needed.
     pub fn close(&mut self) {
         for pick in &mut self.picks {
-            pick.only_if_needed = false;
+            pick.telling = Telling::Always;
         }
         for clause in &mut self.clauses {
-            clause.only_if_needed = false;
+            clause.telling = Telling::Always;
             clause.anchor.close();
         }
-        if let Some((_, to)) = &mut self.distance {
-            to.close();
+        if let Some(distance) = &mut self.distance {
+            distance.telling = Telling::Always;
+            distance.to.close();
+        }
+    }
+
+    /// Has no clause describe the object that is not needed to tell it.
+    pub fn say_only_what_is_needed(&mut self) {
+        for clause in self.clauses.iter_mut().filter(|clause| clause.telling == Telling::IfTrue) {
+            clause.telling = Telling::IfNeeded;
         }
     }
 }
@@ -108,9 +140,8 @@ pub struct Clause {
     pub relations: &'static [Relation],
     /// To which object.
     pub anchor: Box<Description>,
-    /// Whether the clause may, in a sentence that goes on to say a place, only be read so where the object could not be told without it: "the
-    /// mug left of the plate" has no "that is".
-    pub only_if_needed: bool,
+    /// When it tells the object: "the mug left of the plate" may as well say where to put the mug.
+    pub telling: Telling,
 }
 
 /// The phrase for a relation's anchor.
@@ -135,6 +166,13 @@ pub struct RelationPhrase {
     pub joined: bool,
     /// Whether it may as well say where to put the anchor before it: "left of the box and the mug right of the plate".
     pub of_anchor: bool,
+}
+
+impl RelationPhrase {
+    /// Whether it only says what must not hold.
+    pub fn is_negative(&self) -> bool {
+        self.relations.iter().all(|(_, holds)| !holds)
+    }
 }
 
 /// One reading of a sentence: the object to move, and its relations.

@@ -1,7 +1,7 @@
 //! The grammar: every way to read a sentence, before anybody has looked at the scene.
 //!
 //! ```text
-//! sentence    = [request] verb object places | [request] take object [negative places] "and" verb "it" places
+//! sentence    = [request] verb object places | [request] take object ["away from" object] ["and"] ["then"] verb "it" places
 //!             | wish object [to be] places | object goes places
 //! places      = term { [","] ["and" | "but"] term }          (places side by side need no word between them)
 //! term        = [lead] ["not"] relation { ["and" | "but"] ["not"] relation } object { ("and" | "or" | "nor") object }
@@ -10,8 +10,10 @@
 //! Each function takes a position and returns everything that can be read from there with the position after it: English is
 //! ambiguous, and which readings make sense only the scene can tell.
 
-use crate::description::{AnchorPhrase, Clause, Description, Head, Pick, RelationPhrase, SentenceReading};
-use crate::vocabulary::{self as v, PhraseTable};
+mod objects;
+
+use crate::description::{AnchorPhrase, Description, RelationPhrase, SentenceReading, Telling};
+use crate::vocabulary::{self as v, PhraseTable, Taking};
 use repose_proto::Relation;
 
 /// What can be read from a position, each with the position after it.
@@ -35,6 +37,16 @@ pub fn readings(words: &[String]) -> Vec<SentenceReading> {
     found
 }
 
+/// Whether a sentence asks for one thing after another: "… then …", "… and put the bowl …".
+pub fn asks_for_several_things(words: &[String]) -> bool {
+    let text = Text { words };
+    (1..words.len()).any(|at| {
+        let is_parted = ["and", ",", "then"].into_iter().any(|word| text.is(at - 1, word));
+        let begins_anew = || text.one_of(at, v::VERBS).into_iter().any(|end| !text.object(end, 0).is_empty());
+        text.is(at, "then") || (is_parted && begins_anew())
+    })
+}
+
 /// Every reading of words as the description of an object.
 pub fn descriptions(words: &[String]) -> Vec<Description> {
     let read = Text { words }.object(0, 0);
@@ -52,10 +64,11 @@ pub fn knows(word: &str) -> bool {
     fn has<T>(table: PhraseTable<T>, word: &str) -> bool {
         table.iter().any(|(phrase, _)| phrase.split(' ').any(|w| w == word))
     }
-    let bare = [v::REQUESTS, v::VERBS, v::TAKES, v::WISHES, v::TO_BE, v::GOES, v::TO_THE, v::SIDE, v::ARTICLES, v::THAT_IS];
+    let bare = [v::REQUESTS, v::VERBS, v::AWAY, v::WISHES, v::TO_BE, v::GOES, v::TO_THE, v::SIDE, v::ARTICLES, v::THAT_IS];
     word.parse::<u16>().is_ok()
         || v::OWN.contains(&word)
         || bare.iter().any(|table| has(table, word))
+        || has(v::TAKES, word)
         || has(v::LEADS, word)
         || has(v::SIDES, word)
         || has(v::RELATIONS, word)
@@ -98,16 +111,30 @@ impl Text<'_> {
         self.any(at, table).into_iter().map(|(_, end)| end).collect()
     }
 
+    /// The position after a word that may stand there.
+    fn skip(&self, at: usize, word: &str) -> usize {
+        if self.is(at, word) { at + 1 } else { at }
+    }
+
     /// A comma, or nothing.
     fn comma(&self, at: usize) -> usize {
-        if self.is(at, ",") { at + 1 } else { at }
+        self.skip(at, ",")
     }
 
     // Sentences.
 
+    /// "Put X …". Before "and put it" a verb that takes puts nothing: see [`Self::take_and_put`].
     fn commands(&self) -> Read<SentenceReading> {
-        let verbs = self.maybe(self.comma(0), v::REQUESTS).into_iter().flat_map(|at| self.one_of(at, v::VERBS));
-        verbs.flat_map(|at| self.object_with_places(at, &[])).collect()
+        let mut found = Vec::new();
+        for start in self.maybe(self.comma(0), v::REQUESTS) {
+            let takes = !self.any(start, v::TAKES).is_empty();
+            for at in self.one_of(start, v::VERBS) {
+                if !(takes && self.puts_it_after(at)) {
+                    found.extend(self.object_with_places(at, &[]));
+                }
+            }
+        }
+        found
     }
 
     fn wishes(&self) -> Read<SentenceReading> {
@@ -133,29 +160,47 @@ impl Text<'_> {
             let open_at = self.comma(at);
             let mut readings = Vec::new();
             for start in self.maybe(open_at, between) {
-                let query = if start == open_at { &query } else { &closed };
-                readings.extend(self.terms(start).into_iter().map(|(terms, end)| (SentenceReading { query: query.clone(), terms }, end)));
+                for (terms, end) in self.terms(start) {
+                    let query = if start == open_at { self.before_places(&query, at, &terms) } else { Some(closed.clone()) };
+                    readings.extend(query.map(|query| (SentenceReading { query, terms }, end)));
+                }
             }
             readings
         });
         bounded(said.collect())
     }
 
-    /// "Take X and put it …", and "take X away from Y and put it …". Any other place before "and put it" is where X is now.
+    /// The object to move whose phrase ends at a position, if it can with nothing but a comma between it and these places.
+    fn before_places(&self, query: &Description, at: usize, terms: &[RelationPhrase]) -> Option<Description> {
+        // In "left of the box, near the bowl" both are places, and so is the first in "left of the box not near the bowl": one must be.
+        let is_place = self.is(at, ",") || terms.iter().all(RelationPhrase::is_negative);
+        if is_place && query.clauses.iter().any(|clause| clause.telling != Telling::Always) {
+            return None;
+        }
+        let mut query = query.clone();
+        // "Put the mug to the left" says where to, "on the left" where it is.
+        let says_where_to = ["to the left", "to the right"].into_iter().any(|way| at >= 3 && self.after(at - 3, way) == Some(at));
+        if let Some(pick) = query.picks.last_mut().filter(|pick| says_where_to && pick.telling != Telling::Always) {
+            pick.telling = Telling::Never;
+        }
+        Some(query)
+    }
+
+    /// "Take X and put it …", and "take X away from Y and put it …". Any other place before "and put it" is where X is now. "Move X left of Y
+    /// and put it …" can be read so only if "left of Y" is needed to tell X, for it may as well say where to move it.
     fn take_and_put(&self) -> Read<SentenceReading> {
         let mut found = Vec::new();
-        let verbs = self.maybe(self.comma(0), v::REQUESTS).into_iter().flat_map(|at| self.one_of(at, v::TAKES));
-        for (mut query, at) in verbs.flat_map(|at| self.object(at, 0)) {
-            query.close();
-            let places = std::iter::once((Vec::new(), at)).chain(self.negative_terms(at));
-            for (first, at) in places {
-                let at = self.comma(at);
-                let at = if self.is(at, "and") { at + 1 } else { at };
-                for at in self.one_of(at, v::VERBS) {
-                    if !self.is(at, "it") {
-                        continue;
-                    }
-                    for (more, end) in self.terms(self.comma(at + 1)) {
+        let verbs = self.maybe(self.comma(0), v::REQUESTS).into_iter().flat_map(|at| self.any(at, v::TAKES));
+        for (taking, at) in verbs {
+            for (mut query, at) in self.object(at, 0) {
+                match taking {
+                    Taking::Lifts | Taking::Removes => query.close(),
+                    Taking::Moves => query.say_only_what_is_needed(),
+                }
+                let away = if taking == Taking::Lifts { Vec::new() } else { self.away_from(at) };
+                for (first, at) in std::iter::once((Vec::new(), self.skip(at, "up"))).chain(away) {
+                    let at = self.skip(self.skip(self.comma(at), "and"), "then");
+                    for (more, end) in self.put_it(at).into_iter().flat_map(|at| self.terms(self.comma(at))) {
                         let terms = first.iter().cloned().chain(more).collect();
                         found.push((SentenceReading { query: query.clone(), terms }, end));
                     }
@@ -163,6 +208,17 @@ impl Text<'_> {
             }
         }
         bounded(found)
+    }
+
+    /// Positions after "put it", "set it", … "Keep it" puts nothing.
+    fn put_it(&self, at: usize) -> Vec<usize> {
+        let verbs = self.one_of(at, v::VERBS).into_iter().filter(|_| !self.is(at, "keep"));
+        verbs.filter(|&at| self.is(at, "it")).map(|at| at + 1).collect()
+    }
+
+    /// Whether "put it" comes later, and not "do not put it".
+    fn puts_it_after(&self, at: usize) -> bool {
+        (at..self.words.len()).any(|at| !self.is(at - 1, "not") && !self.put_it(at).is_empty())
     }
 
     // Places.
@@ -184,10 +240,13 @@ impl Text<'_> {
         bounded(found)
     }
 
-    /// Terms that only say where the object must not be, before words that show where they end.
-    fn negative_terms(&self, at: usize) -> Read<Vec<RelationPhrase>> {
+    /// "Away from X", with further terms that say where the object must not be, before words that show where they end.
+    fn away_from(&self, at: usize) -> Read<Vec<RelationPhrase>> {
+        if self.any(at, v::AWAY).is_empty() {
+            return Vec::new();
+        }
         let mut found = self.terms(at);
-        found.retain(|(terms, _)| terms.iter().all(|term| term.relations.iter().all(|r| !r.1)));
+        found.retain(|(terms, _)| terms.iter().all(RelationPhrase::is_negative));
         for (terms, _) in &mut found {
             for anchor in terms.iter_mut().flat_map(|term| &mut term.anchors) {
                 if let AnchorPhrase::Described(description) = anchor {
@@ -245,7 +304,7 @@ impl Text<'_> {
             for (relations, at) in self.relations(at, polarity.unwrap_or(true) && lead && said) {
                 let negated = relations.iter().all(|r| !r.1);
                 for ((anchors, joined), end) in self.anchors(at, negated) {
-                    let (relations, said_not) = (relations.clone(), !(said && lead));
+                    let (relations, said_not) = (relations.clone(), negated && !(said && lead));
                     found.push((RelationPhrase { relations, said_not, anchors, joined, of_anchor: false }, end));
                 }
             }
@@ -259,12 +318,19 @@ impl Text<'_> {
         for (first, at) in self.relation(at, holds) {
             found.push((vec![first], at));
         }
-        for (first, at) in self.relation(at, holds).into_iter().chain(self.short_side(at, holds)) {
+        let whole = self.relation(at, holds).into_iter().map(|(first, at)| (first, false, at));
+        let short = self.short_side(at, holds).into_iter().map(|(first, at)| (first, true, at));
+        for (first, is_short, at) in whole.chain(short) {
             let at = self.comma(at);
             let Some(word) = ["and", "but"].into_iter().find(|w| self.is(at, w)) else { continue };
             let (said, at) = if self.is(at + 1, "not") { (false, at + 2) } else { (true, at + 1) };
             let holds = if word == "and" { holds && said } else { said };
-            found.extend(self.relation(at, holds).into_iter().map(|(second, end)| (vec![first, second], end)));
+            for (second, end) in self.relation(at, holds) {
+                // "On the left and near the bowl" does not say left of what.
+                if !is_short || second.0.iter().all(|relation| v::LEVEL_SIDES.contains(relation)) {
+                    found.push((vec![first, second], end));
+                }
+            }
         }
         found
     }
@@ -325,140 +391,6 @@ impl Text<'_> {
         }
         found
     }
-
-    // Objects.
-
-    /// A description with a noun, a number, or a superlative.
-    fn object(&self, at: usize, depth: usize) -> Read<Description> {
-        let mut found = self.any_object(at, depth);
-        found.retain(|(d, _)| d.head.is_some() || d.number.is_some());
-        found
-    }
-
-    fn any_object(&self, at: usize, depth: usize) -> Read<Description> {
-        let mut found = Vec::new();
-        if depth > DEEPEST {
-            return found;
-        }
-        for start in self.maybe(at, v::ARTICLES) {
-            let (other, start) = if self.is(start, "other") { (true, start + 1) } else { (false, start) };
-            let bare = Description { other, ..Description::default() };
-            for (described, end) in self.adjectives(&bare, start) {
-                for (named, end) in self.noun(&described, end, end > start) {
-                    found.extend(self.after_noun(named, end, depth));
-                }
-            }
-        }
-        for (description, end) in &mut found {
-            description.span = (at, *end);
-        }
-        bounded(found)
-    }
-
-    /// Any number of adjectives. An ordinal counts by the comparison after it, "second largest", or by what follows the noun.
-    fn adjectives(&self, so_far: &Description, at: usize) -> Read<Description> {
-        let mut found = vec![(so_far.clone(), at)];
-        let mut longer = |next: &Description, at: usize| found.extend(self.adjectives(next, at));
-        for (color, end) in self.any(at, v::COLORS) {
-            longer(&Description { colors: with(&so_far.colors, color), ..so_far.clone() }, end);
-        }
-        for (shape, end) in self.any(at, v::SHAPES) {
-            longer(&Description { shapes: with(&so_far.shapes, shape), ..so_far.clone() }, end);
-        }
-        for ((measure, least), end) in self.any(at, v::PICKS) {
-            let pick = Pick { measure, least, rank: Some(so_far.ordinal.unwrap_or(1)), only_if_needed: false };
-            longer(&Description { picks: with(&so_far.picks, pick), ordinal: None, ..so_far.clone() }, end);
-        }
-        for (measure, end) in self.any(at, v::MIDDLES) {
-            let pick = Pick { measure, least: true, rank: None, only_if_needed: false };
-            longer(&Description { picks: with(&so_far.picks, pick), ..so_far.clone() }, end);
-        }
-        if so_far.ordinal.is_none() {
-            for (rank, end) in self.any(at, v::ORDINALS) {
-                longer(&Description { ordinal: Some(rank), ..so_far.clone() }, end);
-            }
-        }
-        bounded(found)
-    }
-
-    /// A noun, a number, both, or (after adjectives) nothing.
-    fn noun(&self, described: &Description, at: usize, has_adjectives: bool) -> Read<Description> {
-        let mut found = Vec::new();
-        let numbered = |at: usize| -> Option<(u16, usize)> {
-            let at = if self.is(at, "number") { at + 1 } else { at };
-            Some((self.words.get(at)?.parse().ok()?, at + 1))
-        };
-        for (noun, (head, plural)) in v::NOUNS {
-            if self.is(at, noun) {
-                let named = Description { head: Some(*head), ..described.clone() };
-                if let Some((number, end)) = numbered(at + 1) {
-                    found.push((Description { number: Some(number), ..named.clone() }, end));
-                }
-                found.push((named, at + 1));
-            }
-            if self.is(at, plural) {
-                found.push((Description { head: Some(*head), plural: true, ..described.clone() }, at + 1));
-            }
-        }
-        if self.is(at, "number")
-            && let Some((number, end)) = numbered(at)
-        {
-            found.push((Description { number: Some(number), ..described.clone() }, end));
-        }
-        if has_adjectives {
-            // "the largest" is a whole phrase, "the left" is not.
-            let compared = ["est", "er", "most"].iter().any(|ending| self.words[at - 1].ends_with(ending));
-            let head = (compared && !described.picks.is_empty() && described.ordinal.is_none()).then_some(Head::One);
-            found.push((Description { head, ..described.clone() }, at));
-        }
-        found
-    }
-
-    /// What follows a noun and belongs to it.
-    fn after_noun(&self, named: Description, at: usize, depth: usize) -> Read<Description> {
-        let mut found = Vec::new();
-        if let Some(rank) = named.ordinal {
-            for ((measure, least), end) in self.any(at, v::FROM) {
-                let pick = Pick { measure, least, rank: Some(rank), only_if_needed: false };
-                let counted = Description { picks: with(&named.picks, pick), ordinal: None, ..named.clone() };
-                found.extend(self.after_noun(counted, end, depth));
-            }
-            return found;
-        }
-        let that_is = self.one_of(at, v::THAT_IS).into_iter().map(|at| (at, false));
-        let starts: Vec<(usize, bool)> = std::iter::once((at, true)).chain(that_is).collect();
-        for (at, only_if_needed) in starts.iter().copied() {
-            for ((measure, least), end) in self.any(at, v::PLACES) {
-                let pick = Pick { measure, least, rank: Some(1), only_if_needed };
-                found.extend(self.after_noun(Description { picks: with(&named.picks, pick), ..named.clone() }, end, depth));
-            }
-            for (measure, end) in self.any(at, v::MIDDLE_PLACES) {
-                let pick = Pick { measure, least: true, rank: None, only_if_needed };
-                found.extend(self.after_noun(Description { picks: with(&named.picks, pick), ..named.clone() }, end, depth));
-            }
-            if named.distance.is_none() {
-                for (nearest, at) in self.any(at, v::DISTANCES) {
-                    for (to, end) in self.object(at, depth + 1) {
-                        found.push((Description { distance: Some((nearest, Box::new(to))), ..named.clone() }, end));
-                    }
-                }
-            }
-        }
-        for (at, only_if_needed) in starts {
-            for ((relations, holds), at) in self.relation(at, true) {
-                for (anchor, end) in self.object(at, depth + 1).into_iter().filter(|_| holds) {
-                    let clause = Clause { relations, anchor: Box::new(anchor), only_if_needed };
-                    found.push((Description { clauses: with(&named.clauses, clause), ..named.clone() }, end));
-                }
-            }
-        }
-        found.push((named, at));
-        found
-    }
-}
-
-fn with<T: Clone>(items: &[T], more: T) -> Vec<T> {
-    items.iter().cloned().chain([more]).collect()
 }
 
 fn bounded<T>(mut found: Read<T>) -> Read<T> {

@@ -56,7 +56,8 @@ pub fn understand(sentence: &str, looks: &[ObjectAppearance]) -> Result<Understo
     let words = known_words(sentence, looks)?;
     let readings = grammar::readings(&words);
     if readings.is_empty() {
-        return Err(RefusedSentence::about(Reason::NoRequest, looks, &[]));
+        let reason = if grammar::asks_for_several_things(&words) { Reason::SeveralThings } else { Reason::NoRequest };
+        return Err(RefusedSentence::about(reason, looks, &[]));
     }
     resolve::only_goal(&readings, &words, looks)
 }

@@ -17,6 +17,9 @@ pub enum Reason {
     /// Known words that ask for no placement.
     #[error("not understood as a request to place an object; try \"put the red mug to the left of the box, not near the bowl\"")]
     NoRequest,
+    /// One thing after another.
+    #[error("the sentence asks for more than one thing; say one at a time")]
+    SeveralThings,
     /// Known words that describe no object.
     #[error("{phrase:?} is not understood as an object; try \"the red mug\" or \"the box left of the bowl\"")]
     NoDescription {
@@ -27,6 +30,30 @@ pub enum Reason {
     #[error("{phrase:?} may mean several objects")]
     SeveralObjects {
         /// The phrase.
+        phrase: String,
+    },
+    /// A phrase is about several objects where there can be one.
+    #[error("{phrase:?} is about several objects, where one is expected")]
+    Plural {
+        /// The phrase.
+        phrase: String,
+    },
+    /// "The other" of which no first was named.
+    #[error("{phrase:?} does not say which one it is other than")]
+    OtherThanWhat {
+        /// The phrase.
+        phrase: String,
+    },
+    /// The end of a phrase is not needed to tell the object, and may be a part of the place.
+    #[error("{phrase:?} may say which object is meant or where to put it; \"that is\" tells which, relations joined by \"and\" tell where")]
+    WhichOrWhere {
+        /// The phrase, with its end.
+        phrase: String,
+    },
+    /// In the middle of several objects: between them is no relation.
+    #[error("nothing is in the middle of each of {phrase:?}, and no relation here says \"between\"")]
+    MiddleOfSeveral {
+        /// The phrases of the objects.
         phrase: String,
     },
     /// No object fits a phrase.

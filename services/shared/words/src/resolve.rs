@@ -3,35 +3,29 @@
 use repose_proto::{GoalTerm, Relation};
 use repose_relations::observed_margins;
 
-use crate::description::{AnchorPhrase, Clause, Description, Head, SentenceReading};
+use crate::description::{AnchorPhrase, Clause, Description, Head, SentenceReading, Telling};
 use crate::grade::Grade;
 use crate::look::ObjectAppearance;
 use crate::refused::{Reason, RefusedSentence};
-use crate::selection::{best, by_build, by_distance, fitting, picked};
+use crate::selection::{best, by_build, by_distance, fitting, may_be_called, picked};
 use crate::{ResolvedPhrase, Understood};
 
 /// How far on the right side of an anchor's middle an object must be for "that is left of it" where the rule does not hold, metres.
 const SIDE_M: f64 = 0.02;
 
-/// Why a reading has no meaning on a scene.
-enum Problem {
-    /// A clause or a pick tells nothing apart: the words belong elsewhere.
-    Needless,
-    /// Why, and the ids of the objects in question.
-    Refused(Reason, Vec<u16>),
-}
+/// Why a reading has no meaning on a scene, and the ids of the objects in question.
+type Problem = (Reason, Vec<u16>);
 
 /// The goal that all readings which mean anything agree on.
 pub fn only_goal(readings: &[SentenceReading], words: &[String], looks: &[ObjectAppearance]) -> Result<Understood, RefusedSentence> {
     let mut goals: Vec<Understood> = Vec::new();
-    let mut problems: Vec<(Reason, Vec<u16>)> = Vec::new();
+    let mut problems: Vec<Problem> = Vec::new();
     let resolver = Resolver { words, looks: looks.iter().collect(), places_follow: true };
     for reading in readings {
         match resolver.goal(reading) {
             Ok(goal) if goals.iter().any(|g| same(g, &goal)) => {}
             Ok(goal) => goals.push(goal),
-            Err(Problem::Needless) => {}
-            Err(Problem::Refused(reason, ids)) => problems.push((reason, ids)),
+            Err(problem) => problems.push(problem),
         }
     }
     if goals.len() > 1 {
@@ -53,13 +47,12 @@ pub fn only_goal(readings: &[SentenceReading], words: &[String], looks: &[Object
 /// The object that all readings of a phrase which mean anything agree on.
 pub fn only_object(descriptions: &[Description], words: &[String], looks: &[ObjectAppearance]) -> Result<u16, RefusedSentence> {
     let resolver = Resolver { words, looks: looks.iter().collect(), places_follow: false };
-    let (mut found, mut problems): (Vec<u16>, Vec<(Reason, Vec<u16>)>) = (Vec::new(), Vec::new());
+    let (mut found, mut problems): (Vec<u16>, Vec<Problem>) = (Vec::new(), Vec::new());
     for description in descriptions {
         match resolver.one(description, &mut Said::default()) {
             Ok(look) if found.contains(&look.id) => {}
             Ok(look) => found.push(look.id),
-            Err(Problem::Needless) => {}
-            Err(Problem::Refused(reason, ids)) => problems.push((reason, ids)),
+            Err(problem) => problems.push(problem),
         }
     }
     match found[..] {
@@ -77,7 +70,9 @@ pub fn only_object(descriptions: &[Description], words: &[String], looks: &[Obje
 fn distance_from_meaning(reason: &Reason) -> u8 {
     match reason {
         Reason::Itself { .. } => 0,
-        Reason::SeveralObjects { .. } => 1,
+        Reason::SeveralObjects { .. } | Reason::Plural { .. } => 1,
+        // Its words belong elsewhere, in a reading that may say more.
+        Reason::WhichOrWhere { .. } => 3,
         _ => 2,
     }
 }
@@ -87,7 +82,7 @@ fn same(a: &Understood, b: &Understood) -> bool {
 }
 
 /// Why goals that do not agree are refused, and all objects that they are about.
-fn several(goals: &[Understood]) -> (Reason, Vec<u16>) {
+fn several(goals: &[Understood]) -> Problem {
     let mut ids: Vec<u16> = goals.iter().flat_map(|g| g.goal.iter().map(|t| t.anchor).chain([g.query])).collect();
     ids.sort_unstable();
     ids.dedup();
@@ -108,6 +103,15 @@ struct Said {
     moved: Option<u16>,
     /// Anchors so far, for "it".
     anchors: Vec<u16>,
+    /// Anchors that come later, for "the other mug next to the red mug".
+    later: Vec<u16>,
+}
+
+impl Said {
+    /// Whether an object was named, so that another one is "the other".
+    fn names(&self, look: &ObjectAppearance) -> bool {
+        self.moved == Some(look.id) || self.anchors.contains(&look.id) || self.later.contains(&look.id)
+    }
 }
 
 struct Resolver<'a> {
@@ -128,11 +132,16 @@ impl<'a> Resolver<'a> {
         let mut of_anchor: Option<Understood> = None;
         for term in &reading.terms {
             let anchor_before = said.anchors.last().copied();
-            let mut anchors = Vec::new();
+            let (mut anchors, mut phrases) = (Vec::new(), Vec::new());
             for anchor in &term.anchors {
                 let (phrase, ids) = self.anchors(anchor, &mut said)?;
                 taken.extend(ids.iter().map(|id| ResolvedPhrase { phrase: phrase.clone(), object: *id }));
                 anchors.extend(ids);
+                phrases.push(phrase);
+            }
+            let is_middle = term.relations.iter().any(|(all, holds)| *holds && all.contains(&Relation::Centered));
+            if is_middle && anchors.len() > 1 {
+                return Err((Reason::MiddleOfSeveral { phrase: phrases.join(" and ") }, anchors));
             }
             let mut asked: Vec<GoalTerm> = Vec::new();
             for (relation, holds) in term.relations.iter().flat_map(|(all, holds)| all.iter().map(|r| (*r, *holds))) {
@@ -151,26 +160,33 @@ impl<'a> Resolver<'a> {
         let understood = Understood { query, goal, taken };
         match of_anchor {
             None => Ok(understood),
-            Some(other) => {
-                let (reason, ids) = several(&[understood, other]);
-                Err(Problem::Refused(reason, ids))
-            }
+            Some(other) => Err(several(&[understood, other])),
         }
     }
 
     /// The object to move. It is none of its anchors: "put the object left of the box" is not about the box.
     fn moved(&self, reading: &SentenceReading, said: &mut Said) -> Result<u16, Problem> {
-        let (reason, mut ids) = match self.one(&reading.query, said) {
-            Err(Problem::Refused(reason @ Reason::SeveralObjects { .. }, ids)) if !reading.query.plural => (reason, ids),
+        if reading.query.other {
+            said.later = self.plain_anchors(reading, said);
+        }
+        let found = self.one(&reading.query, said);
+        said.later.clear();
+        let (reason, mut ids) = match found {
+            Err((reason @ Reason::SeveralObjects { .. }, ids)) => (reason, ids),
             found => return found.map(|look| look.id),
         };
+        let anchors = self.plain_anchors(reading, said);
+        ids.retain(|id| !anchors.contains(id));
+        if let [id] = ids[..] { Ok(id) } else { Err((reason, ids)) }
+    }
+
+    /// The anchors that are told by their phrases alone.
+    fn plain_anchors(&self, reading: &SentenceReading, said: &Said) -> Vec<u16> {
         let anchors = reading.terms.iter().flat_map(|t| &t.anchors).filter_map(|anchor| match anchor {
             AnchorPhrase::Described(description) => self.one(description, &mut said.clone()).ok(),
             AnchorPhrase::It => None,
         });
-        let anchors: Vec<u16> = anchors.map(|look| look.id).collect();
-        ids.retain(|id| !anchors.contains(id));
-        if let [id] = ids[..] { Ok(id) } else { Err(Problem::Refused(reason, ids)) }
+        anchors.map(|look| look.id).collect()
     }
 
     fn anchors(&self, anchor: &AnchorPhrase, said: &mut Said) -> Result<(String, Vec<u16>), Problem> {
@@ -179,7 +195,7 @@ impl<'a> Resolver<'a> {
             ids.sort_unstable();
             ids.dedup();
             let reason = Reason::SeveralObjects { phrase: "it".to_owned() };
-            return if ids.len() == 1 { Ok(("it".to_owned(), ids)) } else { Err(Problem::Refused(reason, ids)) };
+            return if ids.len() == 1 { Ok(("it".to_owned(), ids)) } else { Err((reason, ids)) };
         };
         if !description.plural {
             return Ok((self.phrase(description), vec![self.one(description, said)?.id]));
@@ -196,13 +212,12 @@ impl<'a> Resolver<'a> {
             found.retain(|look| Some(look.id) != said.moved);
         }
         match found[..] {
-            [look] if Some(look.id) == said.moved => {
-                Err(Problem::Refused(Reason::Itself { phrase: self.phrase(description) }, vec![look.id]))
-            }
+            [look] if Some(look.id) == said.moved => Err((Reason::Itself { phrase: self.phrase(description) }, vec![look.id])),
             [look] if !description.plural => Ok(look),
             _ => {
-                let reason = Reason::SeveralObjects { phrase: self.phrase(description) };
-                Err(Problem::Refused(reason, found.iter().map(|l| l.id).collect()))
+                let phrase = self.phrase(description);
+                let reason = if description.plural { Reason::Plural { phrase } } else { Reason::SeveralObjects { phrase } };
+                Err((reason, ids_of(&found)))
             }
         }
     }
@@ -213,12 +228,19 @@ impl<'a> Resolver<'a> {
             Some(Head::One) => said.noun.or(Some(Head::Any)),
             head => head,
         };
-        let among: Vec<&ObjectAppearance> =
-            self.looks.iter().copied().filter(|l| !(description.other && Some(l.id) == said.moved)).collect();
-        let mut found = self.selected(description, head, &among, said)?;
-        if found.is_empty() && description.head == Some(Head::One) {
-            found = self.selected(description, Some(Head::Any), &among, said)?;
+        let mut among = self.looks.clone();
+        if description.other {
+            let (named, others): (Vec<_>, Vec<_>) = among.into_iter().partition(|look| said.names(look));
+            if !named.iter().any(|look| may_be_called(head, look)) {
+                let reason = Reason::OtherThanWhat { phrase: self.phrase(description) };
+                return Err((reason, ids_of(&fitting(description, head, &others))));
+            }
+            among = others;
         }
+        // A lone ball says of "the black one" that it is no ball.
+        let is_lone = description.head == Some(Head::One) && !among.iter().any(|look| may_be_called(head, look) && !said.names(look));
+        let head = if is_lone { Some(Head::Any) } else { head };
+        let found = self.selected(description, head, &among, said)?;
         if matches!(description.head, Some(Head::Kind(_))) {
             said.noun = description.head;
         }
@@ -226,7 +248,7 @@ impl<'a> Resolver<'a> {
             // Whatever fits but for where it is said to be is in question.
             let anywhere = Description { clauses: Vec::new(), ..description.clone() };
             let near_misses = self.selected(&anywhere, head, &among, &mut said.clone()).unwrap_or_default();
-            return Err(self.nothing(description, near_misses.iter().map(|l| l.id).collect()));
+            return Err(self.nothing(description, ids_of(&near_misses)));
         }
         Ok(found)
     }
@@ -253,39 +275,60 @@ impl<'a> Resolver<'a> {
         for pick in &description.picks {
             found = picked(*pick, &found);
         }
-        if let Some((nearest, to)) = &description.distance {
-            let to = self.one(to, &mut Said { noun: said.noun, ..Said::default() })?;
+        if let Some(distance) = &description.distance {
+            let to = self.one(&distance.to, &mut Said { noun: said.noun, ..Said::default() })?;
             said.anchors.push(to.id);
-            found = by_distance(*nearest, to, &found);
+            found = by_distance(distance.nearest, to, &found);
         }
         Ok(found)
     }
 
-    /// Fails where an object is told without a clause or a pick that may as well say where to put it.
+    /// Fails where the object is told without words that may as well say where to put it.
     fn needed(&self, description: &Description, head: Option<Head>, among: &[&'a ObjectAppearance], said: &Said) -> Result<(), Problem> {
-        let tells =
-            |without: &Description| -> Result<bool, Problem> { Ok(self.selected(without, head, among, &mut said.clone())?.len() == 1) };
+        let told = |without: &Description| self.selected(without, head, among, &mut said.clone());
+        let needless = |told: &[&ObjectAppearance]| Err((Reason::WhichOrWhere { phrase: self.phrase(description) }, ids_of(told)));
+        let is_open = |telling: Telling| telling != Telling::Always;
         let bare = Description { clauses: Vec::new(), ..description.clone() };
-        if description.clauses.iter().any(|c| c.only_if_needed) && tells(&bare)? {
-            return Err(Problem::Needless);
+        let clauses = &description.clauses;
+        if clauses.iter().any(|clause| is_open(clause.telling)) {
+            let told = told(&bare)?;
+            if matches!(told[..], [look] if !self.describe(clauses, look, said)) {
+                return needless(&told);
+            }
         }
-        if description.picks.iter().any(|p| p.only_if_needed) {
-            let picks = description.picks.iter().copied().filter(|p| !p.only_if_needed).collect();
-            if tells(&Description { picks, distance: None, ..bare })? {
-                return Err(Problem::Needless);
+        let tellings = description.picks.iter().map(|pick| pick.telling).chain(description.distance.iter().map(|d| d.telling));
+        if tellings.clone().any(is_open) {
+            let picks = description.picks.iter().copied().filter(|pick| !is_open(pick.telling)).collect();
+            let distance = description.distance.clone().filter(|distance| !is_open(distance.telling));
+            let told = told(&Description { picks, distance, ..bare })?;
+            if told.len() == 1 || tellings.clone().any(|telling| telling == Telling::Never) {
+                return needless(&told);
             }
         }
         Ok(())
     }
 
+    /// Whether clauses that are not needed to tell an object may still describe it: they surely are true of it.
+    fn describe(&self, clauses: &[Clause], look: &ObjectAppearance, said: &Said) -> bool {
+        clauses.iter().filter(|clause| clause.telling != Telling::Always).all(|clause| {
+            let anchor = self.one(&clause.anchor, &mut Said { noun: said.noun, ..Said::default() });
+            clause.telling == Telling::IfTrue
+                && anchor.is_ok_and(|anchor| anchor.id != look.id && holds(clause, look, anchor) == Grade::Yes)
+        })
+    }
+
     fn nothing(&self, description: &Description, in_question: Vec<u16>) -> Problem {
         let colorless = !description.colors.is_empty() && self.looks.iter().all(|l| l.colors.is_none());
-        Problem::Refused(Reason::NoObject { phrase: self.phrase(description), colorless }, in_question)
+        (Reason::NoObject { phrase: self.phrase(description), colorless }, in_question)
     }
 
     fn phrase(&self, description: &Description) -> String {
         self.words[description.span.0..description.span.1].join(" ")
     }
+}
+
+fn ids_of(looks: &[&ObjectAppearance]) -> Vec<u16> {
+    looks.iter().map(|look| look.id).collect()
 }
 
 /// Whether a clause holds of an object: surely by the rule that goals are judged by, perhaps on the right side of the anchor's middle.

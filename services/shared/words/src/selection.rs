@@ -1,6 +1,6 @@
 //! Which objects fit: nouns, colors and shapes by grade, then comparisons among those that are left.
 
-use crate::description::{Description, Head, Measure, Pick, ShapeWord};
+use crate::description::{Description, Head, Measure, Pick, ShapeWord, Telling};
 use crate::grade::Grade;
 use crate::look::ObjectAppearance;
 
@@ -14,7 +14,17 @@ const CLEARLY_HIGHER_M: f64 = 0.015;
 
 /// The objects that fit the noun, colors and shape: those that surely do, or else those that may.
 pub fn fitting<'a>(description: &Description, head: Option<Head>, looks: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
-    best(looks.iter().map(|look| (grade(description, head, look), *look)).collect())
+    let graded: Vec<(Grade, &ObjectAppearance)> = looks.iter().map(|look| (grade(description, head, look), *look)).collect();
+    let Some(number) = description.number else { return best(graded) };
+    // The number says which, and an object may not look like what it is called. But where another surely looks so, one of the two is a slip.
+    let is_slip = graded.iter().any(|(grade, look)| look.id == number && *grade == Grade::No)
+        && graded.iter().any(|(grade, look)| look.id != number && *grade == Grade::Yes);
+    graded.into_iter().filter(|(_, look)| look.id == number && !is_slip).map(|(_, look)| look).collect()
+}
+
+/// Whether an object may be called by a noun.
+pub fn may_be_called(head: Option<Head>, look: &ObjectAppearance) -> bool {
+    grade(&Description::default(), head, look) > Grade::No
 }
 
 /// Those of the best grade that occurs, if that is not [`Grade::No`].
@@ -24,10 +34,6 @@ pub fn best(graded: Vec<(Grade, &ObjectAppearance)>) -> Vec<&ObjectAppearance> {
 }
 
 fn grade(description: &Description, head: Option<Head>, look: &ObjectAppearance) -> Grade {
-    if let Some(number) = description.number {
-        // The number says which; a noun beside it is not held against it.
-        return if look.id == number { Grade::Yes } else { Grade::No };
-    }
     let noun = match (head, &look.shape) {
         (Some(Head::Kind(kind)), Some(shape)) => kind.fits(shape),
         (Some(Head::Kind(_)), None) => Grade::Maybe,
@@ -52,7 +58,7 @@ pub fn by_build<'a>(word: ShapeWord, among: &[&'a ObjectAppearance]) -> Vec<&'a 
         ShapeWord::Round | ShapeWord::Boxy => return among.to_vec(),
     };
     let sure: Vec<&ObjectAppearance> = among.iter().copied().filter(|l| l.shape.as_ref().map(by_shape) == Some(Grade::Yes)).collect();
-    if sure.is_empty() { picked(Pick { measure: Measure::Height, least, rank: Some(1), only_if_needed: false }, among) } else { sure }
+    if sure.is_empty() { picked(Pick { measure: Measure::Height, least, rank: Some(1), telling: Telling::Always }, among) } else { sure }
 }
 
 /// The object that a comparison picks; those that are too much alike to be told apart where it is not clear; none past the last.

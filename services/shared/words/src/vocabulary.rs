@@ -38,9 +38,34 @@ pub const VERBS: PhraseTable<()> = &[
     ("keep", ()),
 ];
 
-/// Verbs that only pick up.
-pub const TAKES: PhraseTable<()> =
-    &[("take", ()), ("pick up", ()), ("pick", ()), ("grab", ()), ("get", ()), ("fetch", ()), ("lift", ()), ("lift up", ())];
+/// What a verb does to an object before "and put it".
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Taking {
+    /// It only picks it up.
+    Lifts,
+    /// It picks it up, and where "away from" follows, takes it from there.
+    Removes,
+    /// It may as well move it to a place that follows.
+    Moves,
+}
+
+/// Verbs that pick up what "and put it" puts.
+pub const TAKES: PhraseTable<Taking> = &[
+    ("pick up", Taking::Lifts),
+    ("pick", Taking::Lifts),
+    ("grab", Taking::Lifts),
+    ("fetch", Taking::Lifts),
+    ("take", Taking::Removes),
+    ("get", Taking::Removes),
+    ("bring", Taking::Removes),
+    ("lift", Taking::Removes),
+    ("lift up", Taking::Removes),
+    ("move", Taking::Moves),
+    ("shift", Taking::Moves),
+];
+
+/// After a verb that takes: from where.
+pub const AWAY: PhraseTable<()> = &[("away from", ()), ("far away from", ())];
 
 /// Wishes: "I want X (to be) …".
 pub const WISHES: PhraseTable<()> =
@@ -77,7 +102,6 @@ pub const LEADS: PhraseTable<bool> = &[
     ("so it", true),
     ("to where it is", true),
     ("where it is", true),
-    ("it is", true),
     ("it should be", true),
     ("it should stand", true),
     ("it must be", true),
@@ -94,7 +118,6 @@ pub const LEADS: PhraseTable<bool> = &[
     ("it should not", false),
     ("it must not be", false),
     ("it must not", false),
-    ("it is not", false),
     ("make sure it is not", false),
     ("making sure it is not", false),
     ("do not put it", false),
@@ -118,6 +141,12 @@ pub const SIDES: PhraseTable<&[Relation]> = &[
     ("rear left", &[Behind, LeftOf]),
     ("rear right", &[Behind, RightOf]),
 ];
+
+/// The relations of directions on a level.
+pub const LEVEL_SIDES: [Relation; 4] = [LeftOf, RightOf, InFrontOf, Behind];
+
+/// Relations in which two objects seldom stand by chance. Where they do, saying so describes them; left and right hold of nearly every pair.
+pub const SELDOM: [Relation; 4] = [Above, Below, Near, Touching];
 
 /// Before a direction.
 pub const TO_THE: PhraseTable<()> =
@@ -341,4 +370,4 @@ pub const NOUNS: PhraseTable<(Head, &str)> = &[
 
 /// Words that the grammar itself names.
 pub const OWN: &[&str] =
-    &[",", "and", "but", "or", "nor", "neither", "not", "it", "itself", "number", "other", "to", "of", "side", "hand", "up", "is"];
+    &[",", "and", "then", "but", "or", "nor", "neither", "not", "it", "itself", "number", "other", "to", "of", "side", "hand", "up", "is"];

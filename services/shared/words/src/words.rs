@@ -3,7 +3,7 @@
 /// Words that change nothing.
 const EMPTY: [&str; 8] = ["please", "kindly", "just", "somewhere", "down", "directly", "now", "thanks"];
 /// What people write in one word and the vocabulary has in two, and contractions.
-const SPELLED: [(&str, &str); 14] = [
+const SPELLED: [(&str, &str); 17] = [
     ("dont", "do not"),
     ("doesnt", "does not"),
     ("mustnt", "must not"),
@@ -12,6 +12,9 @@ const SPELLED: [(&str, &str); 14] = [
     ("its", "it is"),
     ("id", "i would"),
     ("lets", "let us"),
+    ("thats", "that is"),
+    ("infront", "in front"),
+    ("ontop", "on top"),
     ("gray", "grey"),
     ("centre", "center"),
     ("centred", "centered"),
@@ -20,7 +23,8 @@ const SPELLED: [(&str, &str); 14] = [
     ("righthand", "right hand"),
 ];
 
-/// The words of a sentence. `#` before a number becomes the word `number`, and what separates clauses a comma.
+/// The words of a sentence. `#` before a number becomes the word `number`, and what separates clauses a comma. Signs that change the meaning
+/// stay: nothing knows them.
 pub fn words_of(sentence: &str) -> Vec<String> {
     let mut words: Vec<String> = Vec::new();
     let mut word = String::new();
@@ -35,6 +39,8 @@ pub fn words_of(sentence: &str) -> Vec<String> {
                     '#' => words.push("number".to_owned()),
                     // An end inside the text separates clauses too.
                     '.' | '!' | '?' => words.push(",".to_owned()),
+                    // Signs that mean something which the vocabulary does not know: an aside, a choice, "and".
+                    '(' | '[' | '/' | '&' | '+' => words.push(c.to_string()),
                     _ => {}
                 }
             }
@@ -65,6 +71,7 @@ mod tests {
     fn punctuation_and_politeness_leave_the_words_that_count() {
         let words = words_of("Please, don't put the left-most mug near #3 … the box!");
         assert_eq!(words.join(" "), ", do not put the left most mug near number 3 the box");
+        assert_eq!(words_of("the mug (that's red)").join(" "), "the mug ( that is red", "an aside is not a part of the sentence");
         assert_eq!(words_of(" \u{0} "), Vec::<String>::new());
     }
 }

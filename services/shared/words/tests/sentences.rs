@@ -98,14 +98,17 @@ fn a_phrase_finds_its_object_or_names_those_in_question() {
     ] {
         assert_eq!(find(phrase, &looks), Ok(id), "{phrase}");
     }
-    for (phrase, named) in
-        [("the bowl left of the plate", [3]), ("the bowl that is left of the plate", [3]), ("the red mug behind the bottle", [1])]
-    {
+    for (phrase, named) in [
+        ("the bowl left of the plate", [3]),
+        ("the bowl that is left of the plate", [3]),
+        ("the red mug behind the bottle", [1]),
+        ("the other mug", [1]),
+    ] {
         let refused = find(phrase, &looks).expect_err(phrase);
         assert_eq!(refused.candidates, named, "{phrase}: {refused}");
     }
     let all = [1, 2, 3, 4, 5];
-    for (phrase, named) in [("the thing", &all[..]), ("the pink mug", &all), ("the gizmo", &all)] {
+    for (phrase, named) in [("the thing", &all[..]), ("the objects", &all), ("the pink mug", &all), ("the gizmo", &all), ("box 1", &all)] {
         let refused = find(phrase, &looks).expect_err(phrase);
         assert_eq!(refused.candidates, named, "{phrase}: {refused}");
     }

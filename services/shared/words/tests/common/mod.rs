@@ -54,6 +54,9 @@ pub struct ObjectCase {
     pub at: [f64; 2],
     #[serde(default)]
     pub yaw: f64,
+    /// How high it stands, metres.
+    #[serde(default)]
+    pub z: f64,
 }
 
 pub fn table() -> Table {
@@ -167,7 +170,7 @@ fn surface(object: usize, case: &ObjectCase, random: &mut Pcg64) -> Vec<Surfel> 
         other => panic!("no object of kind {other:?}"),
     };
     let world_from_object = Isometry3::from_parts(
-        nalgebra::Translation3::new(case.at[0], case.at[1], 0.0),
+        nalgebra::Translation3::new(case.at[0], case.at[1], case.z),
         Rotation3::from_axis_angle(&Vector3::z_axis(), case.yaw.to_radians()).into(),
     );
     let mut surfels = Vec::new();
