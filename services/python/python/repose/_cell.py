@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 from . import _native
+from ._json import as_json
 from ._steps import pause, threaded
 from .calls import Answer, Call, Execution, RobotState
 from .errors import DeadlineExceeded, InvalidArgument, NotFound, Unavailable
@@ -55,7 +56,7 @@ class Cell:
             service,
             method,
             schema,
-            json.dumps(request, allow_nan=False).encode(),
+            as_json(request, "request").encode(),
             deadline_s=deadline_s,
             priority=priority,
             idempotent=idempotent,

@@ -59,7 +59,7 @@ class Execution:
     data: dict[str, Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotState:
     """What a robot says of itself.
 
