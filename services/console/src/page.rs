@@ -39,10 +39,11 @@ macro_rules! files {
 pub const INDEX: &str = include_str!("../page/index.html");
 
 /// Everything that the page loads.
-pub static FILES: [File; 19] = files! {
+pub static FILES: [File; 20] = files! {
     "css/page.css": "text/css; charset=utf-8",
     "icon.svg": "image/svg+xml",
     "js/activity.js": "text/javascript; charset=utf-8",
+    "js/age.js": "text/javascript; charset=utf-8",
     "js/arm.js": "text/javascript; charset=utf-8",
     "js/arrangement.js": "text/javascript; charset=utf-8",
     "js/bulk.js": "text/javascript; charset=utf-8",

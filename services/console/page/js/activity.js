@@ -1,5 +1,6 @@
 // The robot and what it carries out: its mode and stop, the planned motion, the phases, and the sequence of goals.
 
+import { isStale } from "./age.js";
 import { el, fill } from "./element.js";
 import { faultBox } from "./goal.js";
 import { STAGES, plain, seconds, sentence, termWords } from "./words.js";
@@ -7,11 +8,9 @@ import { STAGES, plain, seconds, sentence, termWords } from "./words.js";
 const OUTCOMES = { done: "Done", stopped: "Stopped", grasp_lost: "The grasp was lost" };
 const RECOVERIES = { open: "Open the hand", retreat: "Back off", home: "Home" };
 const PREVIEW_STEP_MS = 50;
-/** A robot that has told no state for this long is silent, milliseconds. */
-const SILENT_MS = 3000;
 
 export class Motion {
-  #robot; #toldAt = 0; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0;
+  #robot; #toldAt; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0;
 
   /** `execute()`, `reset(robot, stop)`, `recover(robot, move, unchecked)`, which resolves to how it ended, and `preview(t_ms)` are what its parts ask for. */
   constructor(box, actions) {
@@ -38,7 +37,7 @@ export class Motion {
 
   /** Looks whether the robot still tells its state. */
   aged() {
-    const isSilent = !!this.#robot && performance.now() - this.#toldAt > SILENT_MS;
+    const isSilent = !!this.#robot && isStale(this.#toldAt);
     if (isSilent === this.#isSilent) return;
     this.#isSilent = isSilent;
     this.render();

@@ -99,6 +99,11 @@ export class Connection {
     return answered;
   }
 
+  /** Gives a request of this page's up: its promise rejects with `cancelled`, unless it has ended. */
+  cancel(request) {
+    this.ask("cancel", { request }).catch(() => {});
+  }
+
   /** Stops a robot; resolves when it shows the stop. */
   async stop(cell, robot, reason) {
     return post("/stop", JSON.stringify({ cell, robot, reason }));

@@ -1,6 +1,7 @@
 // The page put together: what the console says goes to the parts, what the parts ask goes to the console.
 
 import { Motion, Sequence } from "./activity.js";
+import { STALE_MS } from "./age.js";
 import { Arrangement } from "./arrangement.js";
 import { Connection } from "./connection.js";
 import { byId, choices, el, fill } from "./element.js";
@@ -14,8 +15,6 @@ import { centimetres, colorOf } from "./words.js";
 const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm: "Arm", way: "Way", zones: "Keep-out" };
 /** How long a passing notice stays. */
 const NOTICE_MS = 6000;
-/** A picture or a state that is older than this is not called live, milliseconds. */
-const STALE_MS = 3000;
 /** How far an object may seem to have moved between two segmentations of one picture, metres. */
 const SAME_M = 0.03;
 const ROLES = ["viewer", "planner", "operator"];
@@ -62,11 +61,11 @@ const world = new World(byId("world"), {
     showTip(event, placement && el("b", { textContent: `Place ${rank + 1}` }), placement && evidence(placement, placed.goal));
   },
 });
-const goal = new Goal(byId("goal"), { changed: goalChanged, ask: find, collect: () => sequence.add(goal.request(scene.id, world.yaw)), cancel: () => asked && connection.ask("cancel", { request: asked }).catch(() => {}) });
+const goal = new Goal(byId("goal"), { changed: goalChanged, ask: find, collect: () => sequence.add(goal.request(scene.id, world.yaw)), cancel: giveUp });
 const placements = new Placements(byId("answers"), { lit, reason: (reason) => world.litRejected(reason), plan: planMotion });
 const motion = new Motion(byId("motion"), { execute, reset, recover, preview: (t) => world.previewAt(t) });
 const arrangement = new Arrangement(byId("arrangement"), {
-  ask: (request) => connection.ask("arrange", { request }), cancel: (request) => connection.ask("cancel", { request }).catch(() => {}),
+  ask: (request) => connection.ask("arrange", { request }), cancel: (request) => connection.cancel(request),
   run: (request) => connection.ask("bring_about", { robot, request }).then(() => { sequence.clear(); goal.clear(); release(); }), end: () => connection.ask("end_sequence").catch((refusal) => notice(refusal, "bad")),
 });
 const sequence = new Sequence(byId("sequence"), { run: runSequence, arrange: (goals) => arrangement.find(goals), end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
@@ -276,9 +275,14 @@ function release() {
   drawSeen();
 }
 
+/** Gives the search up that is under way. */
+function giveUp() {
+  if (asked) connection.cancel(asked);
+}
+
 function clearAnswer() {
   cleared++;
-  if (asked) connection.ask("cancel", { request: asked }).catch(() => {});
+  giveUp();
   placements.clear();
   world.showPlacements(0, []);
   world.showRejected({});
