@@ -39,10 +39,11 @@ macro_rules! files {
 pub const INDEX: &str = include_str!("../page/index.html");
 
 /// Everything that the page loads.
-pub static FILES: [File; 19] = files! {
+pub static FILES: [File; 24] = files! {
     "css/page.css": "text/css; charset=utf-8",
     "icon.svg": "image/svg+xml",
     "js/activity.js": "text/javascript; charset=utf-8",
+    "js/age.js": "text/javascript; charset=utf-8",
     "js/arm.js": "text/javascript; charset=utf-8",
     "js/arrangement.js": "text/javascript; charset=utf-8",
     "js/bulk.js": "text/javascript; charset=utf-8",
@@ -50,10 +51,14 @@ pub static FILES: [File; 19] = files! {
     "js/element.js": "text/javascript; charset=utf-8",
     "js/goal.js": "text/javascript; charset=utf-8",
     "js/main.js": "text/javascript; charset=utf-8",
+    "js/notice.js": "text/javascript; charset=utf-8",
     "js/picture.js": "text/javascript; charset=utf-8",
     "js/placements.js": "text/javascript; charset=utf-8",
     "js/scene.js": "text/javascript; charset=utf-8",
+    "js/sign_in.js": "text/javascript; charset=utf-8",
     "js/system.js": "text/javascript; charset=utf-8",
+    "js/theme.js": "text/javascript; charset=utf-8",
+    "js/tip.js": "text/javascript; charset=utf-8",
     "js/words.js": "text/javascript; charset=utf-8",
     "vendor/three/LICENSE": "text/plain; charset=utf-8",
     "vendor/three/OrbitControls.js": "text/javascript; charset=utf-8",

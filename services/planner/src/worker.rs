@@ -140,7 +140,7 @@ mod tests {
     use super::*;
     use crate::learned::forecast::Forecasts;
     use crate::learned::models::NoModels;
-    use crate::tests::learned::{BESIDE, Fake};
+    use crate::tests::fake::{BESIDE, Fake};
     use crate::tests::synthetic::SceneBuilder;
 
     /// A worker, a scene, and a request on it that would take minutes.

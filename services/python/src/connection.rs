@@ -12,14 +12,15 @@ use pyo3::prelude::*;
 use repose_proto::{CallError, Payload, Priority, Service, keys};
 use repose_runtime::{CallOptions, Caller, CancellationToken, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
 use tokio::runtime::{Builder, Handle};
-use tokio::sync::{Mutex, mpsc};
+use tokio::sync::{Mutex, OwnedRwLockReadGuard, RwLock, mpsc};
 
 use crate::error::raised;
 use crate::frame::Frame;
-use crate::pending::Pending;
+use crate::pending::{GIVEN_UP_WITHIN, Pending};
 use crate::scene::Scene;
 use crate::subscription::Subscription;
 use crate::threads::Threads;
+use crate::waiting::wait_for;
 
 /// Where a router is looked for when nothing says otherwise.
 const ENDPOINT: &str = "tcp/127.0.0.1:7447";
@@ -37,6 +38,10 @@ pub struct Connection {
     session: Session,
     cell: String,
     callers: Arc<Mutex<BTreeMap<&'static str, Caller>>>,
+    /// Triggered when the connection is closed: it cancels every call.
+    closed: CancellationToken,
+    /// Every call under way shares it: whoever has it alone knows that there is none.
+    under_way: Arc<RwLock<()>>,
 }
 
 fn of_runtime(error: RuntimeError) -> PyErr {
@@ -55,26 +60,24 @@ impl Connection {
     #[new]
     #[pyo3(signature = (endpoints, cell = None, config = None))]
     fn new(py: Python<'_>, endpoints: Vec<String>, cell: Option<String>, config: Option<PathBuf>) -> PyResult<Self> {
-        let opened = py.detach(|| {
-            let mut config = RuntimeConfig::read(config.as_deref())?;
-            let session = &mut config.session;
-            (session.mode, session.listen) = (SessionMode::Client, Vec::new());
-            if let Some(cell) = cell {
-                session.cell = cell;
-            }
-            if !endpoints.is_empty() {
-                session.connect = endpoints;
-            } else if session.connect.is_empty() && session.zenoh_file.is_none() {
-                session.connect = vec![ENDPOINT.to_owned()];
-            }
-            let system = |source| RuntimeError::System { operation: "starting threads".to_owned(), source };
-            let runtime = Builder::new_multi_thread().worker_threads(THREADS).enable_all().build().map_err(system)?;
-            let cell = config.session.cell.clone();
-            let session = runtime.block_on(Session::open(config))?;
-            Ok((runtime, session, cell))
-        });
-        let (runtime, session, cell) = opened.map_err(of_runtime)?;
-        Ok(Self { threads: Arc::new(Threads::new(runtime)), session, cell, callers: Arc::default() })
+        let mut config = RuntimeConfig::read(config.as_deref()).map_err(of_runtime)?;
+        let session = &mut config.session;
+        (session.mode, session.listen) = (SessionMode::Client, Vec::new());
+        if let Some(cell) = cell {
+            session.cell = cell;
+        }
+        if !endpoints.is_empty() {
+            session.connect = endpoints;
+        } else if session.connect.is_empty() && session.zenoh_file.is_none() {
+            session.connect = vec![ENDPOINT.to_owned()];
+        }
+        let system = |source| of_runtime(RuntimeError::System { operation: "starting threads".to_owned(), source });
+        let runtime = Builder::new_multi_thread().worker_threads(THREADS).enable_all().build().map_err(system)?;
+        // Kept here from the start, so that an attempt that fails waits for no thread at its end.
+        let (handle, threads) = (runtime.handle().clone(), Arc::new(Threads::new(runtime)));
+        let cell = config.session.cell.clone();
+        let session = wait_for(py, &handle, || Session::open(config))?.map_err(of_runtime)?;
+        Ok(Self { threads, session, cell, callers: Arc::default(), closed: CancellationToken::new(), under_way: Arc::default() })
     }
 
     /// Starts a call. `request` is JSON; with a scene it goes by id first and is sent whole to who lacks it. `everyone`: whoever has it. `missed`: the
@@ -109,7 +112,7 @@ impl Connection {
         };
         let payload = crate::payload::json(schema, request).map_err(raised)?;
         let (schema, scene) = (schema.to_owned(), scene.map(|scene| scene.scene.clone()));
-        let cancel = CancellationToken::new();
+        let (cancel, under_way) = self.begin()?;
         let (sender, progress) = mpsc::channel(PROGRESS_WAITING);
         let token = id.as_deref().filter(|_| missed).map(|id| self.session.cell().live_client(id));
         let options = CallOptions {
@@ -124,6 +127,7 @@ impl Connection {
         };
         let (session, callers) = (self.session.clone(), self.callers.clone());
         let answer = async move {
+            let _under_way = under_way;
             // Held until the call has ended: the network takes it back when this process is gone.
             let _there = match &token {
                 Some(token) => Some(session.transport().declare_alive(token).await?),
@@ -146,58 +150,57 @@ impl Connection {
     fn segment(&self, py: Python<'_>, frame: &Frame, deadline_s: f64) -> PyResult<Pending> {
         let payload = py.detach(|| bulk_of(frame)).map_err(raised)?;
         let deadline = Duration::try_from_secs_f64(deadline_s).map_err(|e| raised(CallError::invalid("deadline_s", e.to_string())))?;
-        let cancel = CancellationToken::new();
+        let (cancel, under_way) = self.begin()?;
         let (sender, progress) = mpsc::channel(1);
         let options = CallOptions { cancel: cancel.clone(), progress: Some(sender), ..CallOptions::within(deadline) };
         let (session, callers) = (self.session.clone(), self.callers.clone());
-        let answer = async move { caller(&session, &callers, Service::Perception).await?.call("segment", payload, options).await };
+        let answer = async move {
+            let _under_way = under_way;
+            caller(&session, &callers, Service::Perception).await?.call("segment", payload, options).await
+        };
         Pending::start(&self.threads, answer, cancel, progress)
     }
 
     /// The workers of a service that are alive, by name.
     fn workers(&self, py: Python<'_>, service: &str) -> PyResult<Vec<String>> {
         let service = service_of(service)?;
-        let found = py.detach(|| {
-            let Some(handle) = self.threads.handle() else { return Ok(Vec::new()) };
-            let caller = handle.block_on(caller(&self.session, &self.callers, service))?;
-            Ok(caller.workers().into_iter().map(|w| w.name).collect())
-        });
-        found.map_err(raised)
+        let handle = self.handle().map_err(raised)?;
+        let caller = wait_for(py, handle, || caller(&self.session, &self.callers, service))?.map_err(raised)?;
+        Ok(caller.workers().into_iter().map(|w| w.name).collect())
     }
 
     /// Follows a key: `scene` or `frame` of a camera, `robot_state`, `robot_command` or `robot_estop` of a robot.
     fn subscribe(&self, py: Python<'_>, kind: &str, name: &str, newest_only: bool) -> PyResult<Subscription> {
-        let (key, _) = self.key(kind, name)?;
-        let subscribed = py.detach(|| {
-            let capacity = if newest_only { 1 } else { MESSAGES_WAITING };
-            self.handle()?.block_on(self.session.subscribe_queue(&key, capacity)).map_err(CallError::from)
-        });
-        Ok(Subscription::new(self.threads.clone(), subscribed.map_err(raised)?))
+        let ((key, _), handle) = (self.key(kind, name)?, self.handle().map_err(raised)?);
+        let capacity = if newest_only { 1 } else { MESSAGES_WAITING };
+        let subscribed = wait_for(py, handle, || self.session.subscribe_queue(&key, capacity))?.map_err(of_runtime)?;
+        Ok(Subscription::new(self.threads.clone(), subscribed))
     }
 
     /// Puts a message on a key, as JSON.
     fn put(&self, py: Python<'_>, kind: &str, name: &str, schema: &str, body: &[u8]) -> PyResult<()> {
-        let (key, traffic) = self.key(kind, name)?;
-        let put = py.detach(|| {
-            let payload = crate::payload::json(schema, body)?;
-            self.handle()?.block_on(self.session.put(&key, payload, traffic)).map_err(CallError::from)
-        });
-        put.map_err(raised)
+        let ((key, traffic), handle) = (self.key(kind, name)?, self.handle().map_err(raised)?);
+        let payload = crate::payload::json(schema, body).map_err(raised)?;
+        wait_for(py, handle, || self.session.put(&key, payload, traffic))?.map_err(of_runtime)
     }
 
     /// Puts a frame on its camera's key.
     fn publish(&self, py: Python<'_>, frame: &Frame) -> PyResult<()> {
-        let put = py.detach(|| {
-            let key = self.session.cell().camera_frame(&frame.frame.camera_name);
-            self.handle()?.block_on(self.session.put(&key, bulk_of(frame)?, Traffic::Frame)).map_err(CallError::from)
-        });
-        put.map_err(raised)
+        let (key, handle) = (self.session.cell().camera_frame(&frame.frame.camera_name), self.handle().map_err(raised)?);
+        let payload = py.detach(|| bulk_of(frame)).map_err(raised)?;
+        wait_for(py, handle, || self.session.put(&key, payload, Traffic::Frame))?.map_err(of_runtime)
     }
 
-    /// Ends the session.
+    /// Cancels the calls under way, and ends the session.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
-        let ended = py.detach(|| self.threads.handle().map_or(Ok(()), |handle| handle.block_on(self.session.close())));
-        ended.map_err(of_runtime)
+        self.closed.cancel();
+        let Some(handle) = self.threads.handle() else { return Ok(()) };
+        let close = || async move {
+            // While there is still a way to their workers.
+            drop(tokio::time::timeout(GIVEN_UP_WITHIN, self.under_way.write()).await);
+            self.session.close().await
+        };
+        wait_for(py, handle, close)?.map_err(of_runtime)
     }
 
     /// The cell's name.
@@ -216,9 +219,15 @@ impl Connection {
     /// The network's threads.
     ///
     /// # Errors
-    /// `failed_precondition` when they are gone.
+    /// `failed_precondition` once the connection is closed.
     pub fn handle(&self) -> Result<&Handle, CallError> {
-        self.threads.handle().ok_or_else(|| CallError::precondition("the connection is closed"))
+        self.threads.handle().filter(|_| !self.closed.is_cancelled()).ok_or_else(closed)
+    }
+
+    /// What cancels a new call, and what the call keeps until it has ended.
+    fn begin(&self) -> PyResult<(CancellationToken, OwnedRwLockReadGuard<()>)> {
+        let under_way = self.under_way.clone().try_read_owned().ok().filter(|_| !self.closed.is_cancelled());
+        under_way.map(|under_way| (self.closed.child_token(), under_way)).ok_or_else(|| raised(closed()))
     }
 
     fn key(&self, kind: &str, name: &str) -> PyResult<(String, Traffic)> {
@@ -233,6 +242,10 @@ impl Connection {
             other => Err(raised(CallError::invalid("kind", format!("there is no key of kind {other:?}")))),
         }
     }
+}
+
+fn closed() -> CallError {
+    CallError::precondition("the connection is closed")
 }
 
 /// A frame as it travels.

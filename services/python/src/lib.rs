@@ -17,6 +17,7 @@ mod robot_side;
 mod scene;
 mod subscription;
 mod threads;
+mod waiting;
 
 use pyo3::prelude::*;
 

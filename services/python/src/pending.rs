@@ -12,9 +12,10 @@ use tokio::sync::mpsc;
 
 use crate::error::raised;
 use crate::threads::Threads;
+use crate::waiting::{SLICE, over_at, slice_before};
 
-/// How long a wait goes on before it looks for Ctrl-C.
-const SLICE: Duration = Duration::from_millis(50);
+/// How long whoever gives calls up waits for them to end. Their workers have been told by then: what follows may end the process.
+pub const GIVEN_UP_WITHIN: Duration = Duration::from_millis(500);
 
 #[derive(Default)]
 struct State {
@@ -84,6 +85,25 @@ impl Pending {
         });
         Ok(Self { threads: threads.clone(), shared, cancel, progress: Mutex::new(progress) })
     }
+
+    /// Waits for the end; `None` when it has not come by then.
+    fn ended(&self, py: Python<'_>, over: Option<Instant>) -> PyResult<Option<Result<Answer, CallError>>> {
+        loop {
+            let ended = py.detach(|| {
+                let (state, slice) = (self.shared.state(), slice_before(over));
+                let waiting = |state: &mut State| state.ended.is_none();
+                let (state, _) = self.shared.ended.wait_timeout_while(state, slice, waiting).unwrap_or_else(PoisonError::into_inner);
+                state.ended.clone()
+            });
+            if ended.is_some() {
+                return Ok(ended);
+            }
+            py.check_signals()?;
+            if over.is_some_and(|at| Instant::now() >= at) {
+                return Ok(None);
+            }
+        }
+    }
 }
 
 #[pymethods]
@@ -91,22 +111,7 @@ impl Pending {
     /// Waits for the end; `None` when that takes longer than `timeout_s`.
     #[pyo3(signature = (timeout_s = None))]
     fn wait<'py>(&self, py: Python<'py>, timeout_s: Option<f64>) -> PyResult<Option<Answered<'py>>> {
-        let give_up = timeout_s.and_then(|s| Duration::try_from_secs_f64(s).ok()).map(|within| Instant::now() + within);
-        let ended = loop {
-            let ended = py.detach(|| {
-                let state = self.shared.state();
-                let waiting = |state: &mut State| state.ended.is_none();
-                let (state, _) = self.shared.ended.wait_timeout_while(state, SLICE, waiting).unwrap_or_else(PoisonError::into_inner);
-                state.ended.clone()
-            });
-            if let Some(ended) = ended {
-                break ended;
-            }
-            py.check_signals()?;
-            if give_up.is_some_and(|at| Instant::now() >= at) {
-                return Ok(None);
-            }
-        };
+        let Some(ended) = self.ended(py, over_at(timeout_s))? else { return Ok(None) };
         let answer = ended.map_err(raised)?;
         let bytes = PyBytes::new(py, &answer.payload.bytes);
         let (schema, bulk) = (answer.payload.schema().to_owned(), answer.payload.is_bulk());
@@ -148,5 +153,11 @@ impl Pending {
     /// Ends the call with `cancelled`, and tells its worker.
     fn cancel(&self) {
         self.cancel.cancel();
+    }
+
+    /// The same, and waits a moment until the worker has been told.
+    fn give_up(&self, py: Python<'_>) -> PyResult<()> {
+        self.cancel.cancel();
+        self.ended(py, Some(Instant::now() + GIVEN_UP_WITHIN)).map(drop)
     }
 }

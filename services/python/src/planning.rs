@@ -13,6 +13,7 @@ use repose_proto::{CallError, PlaceRequest, PlaceResult};
 use crate::error::{pretty, raised};
 use crate::models::{Models, chosen};
 use crate::scene::Scene;
+use crate::waiting::compute;
 
 /// Width, height and the bytes of an 8-bit RGB picture.
 type Picture<'py> = (u32, u32, Bound<'py, PyBytes>);
@@ -21,11 +22,11 @@ type Picture<'py> = (u32, u32, Bound<'py, PyBytes>);
 #[pyfunction]
 #[pyo3(signature = (scene, request, models = None))]
 pub fn plan(py: Python<'_>, scene: &Scene, request: &str, models: Option<&Models>) -> PyResult<String> {
-    let result = py.detach(|| {
+    let result = compute(py, |stop| {
         let request: PlaceRequest = from_json(request.as_bytes())?;
-        repose_local::plan(&scene.scene, &request, || chosen(models))
+        repose_local::plan(&scene.scene, &request, || chosen(models), stop)
     });
-    pretty(&result.map_err(raised)?)
+    pretty(&result?)
 }
 
 /// Every pair's relations, as `repose relations --json` prints them.
@@ -65,11 +66,11 @@ pub fn score<'py>(
 /// A `MotionPlanRequest` to a `MotionPlan`, both JSON.
 #[pyfunction]
 pub fn plan_motion(py: Python<'_>, scene: &Scene, request: &str) -> PyResult<String> {
-    let plan = py.detach(|| {
+    let plan = compute(py, |stop| {
         let request: MotionPlanRequest = from_json(request.as_bytes())?;
-        repose_local::plan_motion(&scene.scene, &request, None)
+        repose_local::plan_motion(&scene.scene, &request, None, stop)
     });
-    pretty(&plan.map_err(raised)?)
+    pretty(&plan?)
 }
 
 /// The scene as its camera saw it, with an object drawn where it is moved to.

@@ -16,6 +16,7 @@ use tokio::sync::{mpsc, watch};
 
 use crate::connection::Connection;
 use crate::error::raised;
+use crate::waiting::wait_for;
 
 /// Commands that may wait for the next step; more are refused.
 const COMMANDS: usize = 64;
@@ -23,6 +24,8 @@ const COMMANDS: usize = 64;
 const STOPS: usize = 16;
 /// Longest time that a step makes up for when the loop was held up; more is lost to robot time.
 const CATCH_UP: Duration = Duration::from_millis(60);
+/// Longest time between two states: what is told more seldom is taken for silent.
+const LONGEST_STATE_PERIOD: Duration = Duration::from_millis(50);
 /// How long it is listened for another driver of the same robot: states come twenty times a second or more often.
 const LISTEN: Duration = Duration::from_millis(300);
 
@@ -74,37 +77,35 @@ impl RobotSide {
     ) -> PyResult<Self> {
         let settings = ArmSettings { following_tolerance_rad, ..ArmSettings::default() };
         let world_from_base = world_from_base.map(RigidTransform);
-        let opened = py.detach(|| {
-            repose_proto::keys::validate_chunk("name", robot)?;
-            world_from_base.map_or(Ok(()), |pose| pose.validate("world_from_base"))?;
-            if let Some(joint) = settings.rules.limits.outside(&joints_rad, 0.0) {
-                let message = format!("joint {joint} stands at {:.4} rad, outside the arm's limits", joints_rad[joint]);
-                return Err(CallError::precondition(message).at("joints_rad"));
-            }
-            let state_period = Duration::try_from_secs_f64(state_period_s)
-                .map_err(|_| CallError::invalid("state_period_s", format!("expected seconds, got {state_period_s}")))?;
-            let session = connection.session().clone();
-            let end = CancellationToken::new();
-            let (commands, stops, states) = connection.handle()?.block_on(joined(session, robot, end.clone()))?;
-            let now = Instant::now();
-            let running = Running {
-                arm: if starts_stopped { Arm::found_at(joints_rad, settings, 0.0, None) } else { Arm::standing_at(joints_rad, settings) },
-                commands,
-                stops,
-                states,
-                world_from_base,
-                state_period,
-                started: now,
-                stepped: now,
-                next_state: now,
-                shown_mode: RobotMode::Idle,
-                owed_s: 0.0,
-                ticks: 0,
-                states_made: 0,
-            };
-            Ok(Self { running: Mutex::new(running), end })
-        });
-        opened.map_err(raised)
+        repose_proto::keys::validate_chunk("name", robot).map_err(raised)?;
+        world_from_base.map_or(Ok(()), |pose| pose.validate("world_from_base")).map_err(raised)?;
+        if let Some(joint) = settings.rules.limits.outside(&joints_rad, 0.0) {
+            let message = format!("joint {joint} stands at {:.4} rad, outside the arm's limits", joints_rad[joint]);
+            return Err(raised(CallError::precondition(message).at("joints_rad")));
+        }
+        let state_period = Duration::try_from_secs_f64(state_period_s).ok().filter(|period| *period <= LONGEST_STATE_PERIOD);
+        let state_period = state_period
+            .ok_or_else(|| raised(CallError::invalid("state_period_s", format!("expected 0 to 0.05 s, got {state_period_s}"))))?;
+        let (handle, end) = (connection.handle().map_err(raised)?, CancellationToken::new());
+        let ends = wait_for(py, handle, || joined(connection.session().clone(), robot, end.clone()))?;
+        let (commands, stops, states) = ends.map_err(raised)?;
+        let now = Instant::now();
+        let running = Running {
+            arm: if starts_stopped { Arm::found_at(joints_rad, settings, 0.0, None) } else { Arm::standing_at(joints_rad, settings) },
+            commands,
+            stops,
+            states,
+            world_from_base,
+            state_period,
+            started: now,
+            stepped: now,
+            next_state: now,
+            shown_mode: RobotMode::Idle,
+            owed_s: 0.0,
+            ticks: 0,
+            states_made: 0,
+        };
+        Ok(Self { running: Mutex::new(running), end })
     }
 
     /// Goes on by `elapsed_s` of robot time, or by the time since the last step. `gripper`: opening (metres), settled, holding.

@@ -2,15 +2,14 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use repose_runtime::CancellationToken;
 
 use crate::threads::Threads;
-
-/// How long a wait goes on before it looks for Ctrl-C.
-const SLICE: Duration = Duration::from_millis(50);
+use crate::waiting::{over_at, slice_before};
 
 /// Key, schema and bytes.
 type Message<'py> = (String, String, Bound<'py, PyBytes>);
@@ -21,12 +20,14 @@ pub struct Subscription {
     threads: Arc<Threads>,
     messages: Mutex<Option<repose_runtime::Subscription>>,
     ended: AtomicBool,
+    /// Triggered by whoever closes it, for a thread that waits for a message.
+    closed: CancellationToken,
 }
 
 impl Subscription {
     /// Follows what comes.
     pub fn new(threads: Arc<Threads>, messages: repose_runtime::Subscription) -> Self {
-        Self { threads, messages: Mutex::new(Some(messages)), ended: AtomicBool::new(false) }
+        Self { threads, messages: Mutex::new(Some(messages)), ended: AtomicBool::new(false), closed: CancellationToken::new() }
     }
 }
 
@@ -35,17 +36,23 @@ impl Subscription {
     /// The next message; `None` when none comes within `timeout_s`, or ever again.
     #[pyo3(signature = (timeout_s = None))]
     fn recv<'py>(&self, py: Python<'py>, timeout_s: Option<f64>) -> PyResult<Option<Message<'py>>> {
-        let give_up = timeout_s.and_then(|s| Duration::try_from_secs_f64(s).ok()).map(|within| Instant::now() + within);
+        let over = over_at(timeout_s);
         let Some(handle) = self.threads.handle() else {
             self.ended.store(true, Ordering::Release);
             return Ok(None);
         };
         loop {
-            let slice = give_up.map_or(SLICE, |at| at.saturating_duration_since(Instant::now()).min(SLICE));
+            let slice = slice_before(over);
             let next = py.detach(|| {
                 let mut messages = self.messages.lock().unwrap_or_else(PoisonError::into_inner);
                 let messages = messages.as_mut()?;
-                Some(handle.block_on(async { tokio::time::timeout(slice, messages.recv()).await }))
+                Some(handle.block_on(async {
+                    tokio::select! {
+                        biased;
+                        () = self.closed.cancelled() => Ok(None),
+                        next = tokio::time::timeout(slice, messages.recv()) => next,
+                    }
+                }))
             });
             match next {
                 None | Some(Ok(None)) => {
@@ -58,7 +65,7 @@ impl Subscription {
                 }
                 Some(Err(_)) => py.check_signals()?,
             }
-            if give_up.is_some_and(|at| Instant::now() >= at) {
+            if over.is_some_and(|at| Instant::now() >= at) {
                 return Ok(None);
             }
         }
@@ -70,8 +77,10 @@ impl Subscription {
         self.ended.load(Ordering::Acquire)
     }
 
-    /// Ends it.
-    fn close(&self) {
-        self.messages.lock().unwrap_or_else(PoisonError::into_inner).take();
+    /// Ends it: a thread that waits for a message stops waiting.
+    fn close(&self, py: Python<'_>) {
+        self.closed.cancel();
+        // Without the interpreter lock, which that thread may want before it lets go of this one.
+        py.detach(|| drop(self.messages.lock().unwrap_or_else(PoisonError::into_inner).take()));
     }
 }

@@ -175,6 +175,9 @@ def test_what_a_robot_cannot_be_is_refused_by_name(system):
             with pytest.raises(kind) as raised:
                 cell.robot(arm)
             assert raised.value.field == field
+        with pytest.raises(repose.InvalidArgument) as raised:
+            cell.robot(Arm("seldom"), state_period_s=0.2)
+        assert raised.value.field == "state_period_s"
         joined = cell.robot(Arm("stepper"))
         with pytest.raises(repose.InvalidArgument) as raised:
             joined.step(-0.1)

@@ -1,6 +1,7 @@
 """Planning in this process: the same answers as the command."""
 
 import json
+import pickle
 import threading
 import time
 
@@ -93,6 +94,22 @@ def test_errors_name_the_field(scene, kind, field, options):
     assert raised.value.code == kind.code
 
 
+def test_arrays_and_numbers_of_numpy_are_taken_wherever_they_stand(scene):
+    region = {"min_m": np.array([0.0, -1.0, 0.0]), "max_m": np.array([1, 1, 1], np.float32), "inside": np.bool_(True)}
+    plain = {"min_m": [0.0, -1.0, 0.0], "max_m": [1.0, 1.0, 1.0], "inside": True}
+    taken = repose.plan(
+        scene, np.int64(1), [("left_of", np.uint16(2))], variant="geometric", region=[region], budget={"batch": np.int32(50)}
+    )
+    assert taken.json == repose.plan(scene, 1, [("left_of", 2)], variant="geometric", region=[plain], budget={"batch": 50}).json
+    with pytest.raises(repose.InvalidArgument):
+        repose.plan(scene, 1, [("left_of", 2)], budget={"batch": object()})
+
+
+def test_placements_are_found_in_their_plan(planned):
+    assert [planned.index(placement) for placement in planned] == list(range(len(planned)))
+    assert len(set(planned)) == len(planned)
+
+
 def test_other_threads_run_while_a_plan_is_made(scene):
     ticks, done = [], threading.Event()
 
@@ -144,6 +161,8 @@ def test_a_goal_in_words_is_the_goal_by_numbers(scene):
         repose.plan(scene, say="put the red box left of the box")
     assert raised.value.candidates == [2, 3]
     assert raised.value.field == "say"
+    elsewhere = pickle.loads(pickle.dumps(raised.value))
+    assert (str(elsewhere), elsewhere.candidates, elsewhere.field) == (str(raised.value), [2, 3], "say")
 
 
 def test_the_motion_of_a_placement_is_planned(scene, planned):
@@ -169,6 +188,7 @@ def test_motion_without_a_calibrated_camera_is_refused(view, planned):
 def test_pictures_show_the_scene_and_the_plan(scene, planned, view):
     seen = repose.picture(scene)
     assert seen.shape == (*view.depth.shape, 3)
+    assert seen.flags.writeable, "it can be drawn on"
     both = repose.picture(scene, planned)
     assert both.shape[1] > 2 * seen.shape[1]
     moved = repose.picture(scene, placement=planned[0], move=1)

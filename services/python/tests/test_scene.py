@@ -79,8 +79,15 @@ class ByDlpack:
 
 @pytest.mark.parametrize(
     "wrapped",
-    [lambda a: ByProtocol(a, "__array_interface__"), lambda a: ByProtocol(a, "__array__"), ByDlpack, memoryview, np.asfortranarray],
-    ids=["array_interface", "array", "dlpack", "buffer", "fortran"],
+    [
+        lambda a: ByProtocol(a, "__array_interface__"),
+        lambda a: ByProtocol(a, "__array__"),
+        ByDlpack,
+        memoryview,
+        np.asfortranarray,
+        lambda a: a.astype(a.dtype.newbyteorder(">")),
+    ],
+    ids=["array_interface", "array", "dlpack", "buffer", "fortran", "big_endian"],
 )
 def test_arrays_of_other_libraries_are_taken(view, scene, wrapped):
     taken = view.scene(depth=wrapped(view.depth.copy()), color=wrapped(view.color.copy()), labels=wrapped(view.labels.copy()))
@@ -100,14 +107,17 @@ def test_a_tensor_on_another_device_is_refused_by_name(view):
         ({"depth": np.zeros((4, 4), np.int32)}, "depth"),
         ({"depth": np.zeros((0, 0), np.uint16), "color": None, "labels": None}, "width"),
         ({"K": np.eye(4)}, "K"),
+        ({"K": "front"}, "K"),
         ({"K": [-1.0, 500.0, 1.0, 1.0]}, "fx"),
         ({"K": [np.nan, 500.0, 1.0, 1.0]}, "fx"),
         ({"color": np.zeros((3, 3, 3), np.uint8)}, "color"),
         ({"labels": np.full((240, 320), -1)}, "labels"),
         ({"world_from_camera": np.ones((4, 4))}, "world_from_camera"),
         ({"world_from_camera": np.eye(3)}, "world_from_camera"),
+        ({"world_from_camera": np.stack([np.eye(4), np.eye(4)])}, "world_from_camera"),
         ({"camera": "No Chunk"}, "camera"),
         ({"depth_unit_m": 0.0}, "depth_unit_m"),
+        ({"depth": np.ones((240, 320)), "depth_unit_m": float("nan")}, "depth_unit_m"),
     ],
 )
 def test_what_cannot_be_used_is_refused_by_name(view, change, field):

@@ -67,7 +67,7 @@ pub fn run(args: &PlanArgs, output: Output) -> CommandResult {
         return Err(Failure::bad_input("reach-of", format!("the frame has no robot.json with robot {}", robot.name)));
     }
     let files = ModelFiles { weights: args.networks.weights.clone() };
-    let result = repose_local::plan(&scene, &request, || LocalModels::load(&files).map(Arc::new))?;
+    let result = repose_local::plan(&scene, &request, || LocalModels::load(&files).map(Arc::new), &|| false)?;
     if let Some(path) = &args.out {
         write_picture(path, &before_and_after(&scene, &result)?.into())?;
     }
@@ -96,7 +96,7 @@ fn motion_of(
     let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
     let wanted = MotionPlanRequest::new(scene.id(), robot.name.clone(), request.query, placements, robot.joints_rad);
     let wanted = MotionPlanRequest { grasps, seed: request.seed, ..wanted };
-    repose_local::plan_motion(scene, &wanted, Some(&robot.world_from_base)).map_err(of_motion)
+    repose_local::plan_motion(scene, &wanted, Some(&robot.world_from_base), &|| false).map_err(of_motion)
 }
 
 /// The grasps of a file.

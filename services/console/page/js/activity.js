@@ -1,5 +1,6 @@
 // The robot and what it carries out: its mode and stop, the planned motion, the phases, and the sequence of goals.
 
+import { isStale } from "./age.js";
 import { el, fill } from "./element.js";
 import { faultBox } from "./goal.js";
 import { STAGES, plain, seconds, sentence, termWords } from "./words.js";
@@ -7,11 +8,16 @@ import { STAGES, plain, seconds, sentence, termWords } from "./words.js";
 const OUTCOMES = { done: "Done", stopped: "Stopped", grasp_lost: "The grasp was lost" };
 const RECOVERIES = { open: "Open the hand", retreat: "Back off", home: "Home" };
 const PREVIEW_STEP_MS = 50;
-/** A robot that has told no state for this long is silent, milliseconds. */
-const SILENT_MS = 3000;
+
+/** What is said of an arm that was brought back, or the refusal. */
+export function recovered(move, { outcome, reason, checked_against: scene, camera }) {
+  if (outcome !== "done") return { refusal: { code: outcome, message: reason ?? "it did not get there" } };
+  if (move === "open") return { said: "The hand is open." };
+  return { said: `${move === "home" ? "The arm is home" : "The hand has backed off"}; its way was checked against ${scene ? `the scene of camera ${camera}` : "itself and the keep-out zones only, not against its surroundings"}.` };
+}
 
 export class Motion {
-  #robot; #toldAt = 0; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0;
+  #robot; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0;
 
   /** `execute()`, `reset(robot, stop)`, `recover(robot, move, unchecked)`, which resolves to how it ended, and `preview(t_ms)` are what its parts ask for. */
   constructor(box, actions) {
@@ -23,10 +29,9 @@ export class Motion {
   may(may) { this.#may = may; this.render(); }
   fault(refusal) { this.#fault = refusal; this.render(); }
 
-  /** Takes a robot's state, or that there is none; draws only what a person would see change. */
+  /** Takes a robot's state and when it was heard, or that there is none; draws only what a person would see change. */
   robot(shown) {
     this.#robot = shown;
-    this.#toldAt = performance.now();
     this.aged();
     const { state } = shown ?? {};
     const drawn = state && JSON.stringify([shown.robot, state.mode, state.stop, Math.round(state.gripper_width_m * 1000), state.gripper_holding, state.owner?.id]);
@@ -38,7 +43,7 @@ export class Motion {
 
   /** Looks whether the robot still tells its state. */
   aged() {
-    const isSilent = !!this.#robot && performance.now() - this.#toldAt > SILENT_MS;
+    const isSilent = isStale(this.#robot?.heardAt);
     if (isSilent === this.#isSilent) return;
     this.#isSilent = isSilent;
     this.render();
@@ -133,7 +138,7 @@ export class Motion {
       this.actions.preview(t || undefined);
     };
     slider.addEventListener("input", show);
-    const play = el("button", { type: "button", className: "quiet small", textContent: "▶ Preview", onclick: () => {
+    const play = el("button", { type: "button", className: "quiet small", textContent: "▶ Preview", data: { key: "play" }, onclick: () => {
       clearInterval(this.#playing);
       slider.value = 0;
       this.#playing = setInterval(() => {
@@ -175,6 +180,7 @@ export class Sequence {
   }
   clear() { this.#goals = []; this.#fault = undefined; this.render(); }
   get isEmpty() { return !this.#goals.length; }
+  get isUnderWay() { return !!this.#running && !this.#running.ended; }
 
   /** Takes the sequence that the cell carries out. */
   running(sequence) {
@@ -185,7 +191,7 @@ export class Sequence {
   }
 
   render() {
-    const running = this.#running, isUnderWay = running && !running.ended;
+    const running = this.#running, isUnderWay = this.isUnderWay;
     fill(this.box,
       el("div", { className: "title" }, el("h2", { id: "sequence-title", textContent: "Sequence" }), el("span", { className: "grow" }),
         isUnderWay && el("button", { type: "button", className: "small", id: "end-sequence", textContent: running.ending ? "Ends after this goal" : "End after this goal", disabled: !this.#may || running.ending, onclick: () => this.actions.end() })),
@@ -199,7 +205,7 @@ export class Sequence {
       this.#goals.length > 0 && [
         el("ol", { className: "steps", id: "collected", style: running ? "margin-top: 8px" : "" }, this.#goals.map((goal, k) => el("li", {},
           el("span", { textContent: `${goal.query} ${goal.goal.map(termWords).join(", ")}` }),
-          el("button", { type: "button", className: "quiet small", textContent: "✕", "aria-label": `Remove goal ${k + 1}`, onclick: () => { this.#goals.splice(k, 1); this.render(); } })))),
+          el("button", { type: "button", className: "quiet small", textContent: "✕", "aria-label": `Remove goal ${k + 1}`, data: { key: `remove-${k}` }, onclick: () => { this.#goals.splice(k, 1); this.render(); } })))),
         el("div", { className: "row", style: "margin-top: 8px" },
           el("button", { type: "button", className: "primary", id: "run", textContent: "One after another", disabled: !this.#may || isUnderWay, onclick: () => this.actions.run(this.#goals) }),
           el("button", { type: "button", id: "arrange", textContent: "All together", title: "Find moves after which all of them hold", onclick: () => this.actions.arrange(this.#goals) }),

@@ -57,6 +57,7 @@ export class Arrangement {
       this.#fault = { code: "invalid_argument", message: `Goals that shall hold together have one “${ALIKE[option]}”, and these have several.` };
       return this.render();
     }
+    this.#giveUp();
     this.#request = together(collected);
     this.#answer = this.#fault = undefined;
     const answer = this.actions.ask(this.#request);
@@ -87,7 +88,10 @@ export class Arrangement {
     this.render();
   }
 
+  #giveUp() { if (this.#asked) this.actions.cancel(this.#asked); }
+
   clear() {
+    this.#giveUp();
     this.#asked = this.#answer = this.#request = this.#fault = undefined;
     this.render();
   }
@@ -101,7 +105,7 @@ export class Arrangement {
         this.isUnderWay && el("button", { type: "button", className: "small", id: "end-arrangement", textContent: this.#running.ending ? "Ends after this move" : "End after this move",
           disabled: !this.#mayRun || this.#running.ending, onclick: () => this.actions.end() })),
       this.#asked && el("div", { className: "row" }, el("span", { className: "hint", role: "status", textContent: "searching for moves …" }),
-        el("button", { type: "button", className: "small", textContent: "Give up", onclick: () => this.actions.cancel(this.#asked) })),
+        el("button", { type: "button", className: "small", textContent: "Give up", data: { key: "give-up" }, onclick: () => this.#giveUp() })),
       answer && this.#found(answer.arranged),
       running && this.#carriedOut(running),
       this.#fault && faultBox(this.#fault));

@@ -18,3 +18,9 @@ export function readBulk(buffer) {
   }
   return { metadata, tensors };
 }
+
+/** The scene of a message. */
+export function sceneOf({ metadata, tensors }) {
+  const meta = JSON.parse(metadata.scene), { width, height } = meta.camera;
+  return { id: metadata.scene_id, camera: metadata.camera, grid: JSON.parse(metadata.grid), meta, width, height, tensors, objects: new Map(meta.objects.map((object) => [object.id, object])) };
+}

@@ -6,6 +6,11 @@ const FIRST_PAUSE_MS = 200;
 const LONGEST_PAUSE_MS = 2000;
 /** The console closes with this code when it wants a token. */
 const NEEDS_TOKEN = 4401;
+/** How often it is looked whether anything was heard, and after how many looks without a word the console is asked for one, and given up. Looks are
+ *  counted, not time: a page that was held up has not listened. */
+const LOOK_MS = 2000;
+const LOOKS_TO_ASK = 2;
+const LOOKS_TO_GIVE_UP = 6;
 
 /** An error of the contract's: `code`, `message`, `field`. */
 export class Refusal extends Error {
@@ -21,6 +26,7 @@ export class Connection {
   #nextId = 1;
   #pauseMs = FIRST_PAUSE_MS;
   #retry;
+  #silentLooks = 0;
 
   /** `heard(kind, message)` gets every message but answers; `changed(state)` gets "live", "lost" or "token". */
   constructor(heard, changed) {
@@ -30,6 +36,16 @@ export class Connection {
     // A machine that wakes up, or finds its network again, need not wait.
     addEventListener("online", () => this.again());
     document.addEventListener("visibilitychange", () => document.visibilityState === "visible" && this.again());
+    setInterval(() => this.#look(), LOOK_MS);
+  }
+
+  /** A network that is gone without a word leaves the socket open for minutes. */
+  #look() {
+    if (this.#socket.readyState !== WebSocket.OPEN) return;
+    this.#silentLooks += 1;
+    // There is no request 0: the answer says that the console is there.
+    if (this.#silentLooks === LOOKS_TO_ASK) this.cancel(0);
+    if (this.#silentLooks === LOOKS_TO_GIVE_UP) this.#lost(this.#socket);
   }
 
   /** Tries at once, unless connected. */
@@ -45,8 +61,13 @@ export class Connection {
     const socket = new WebSocket(address);
     socket.binaryType = "arraybuffer";
     this.#socket = socket;
+    this.#silentLooks = 0;
+    // One that was still closing has no answers any more.
+    this.#refuseAll();
     socket.onmessage = ({ data }) => {
+      if (socket !== this.#socket) return;
       this.#pauseMs = FIRST_PAUSE_MS;
+      this.#silentLooks = 0;
       if (typeof data !== "string") {
         const bulk = readBulk(data), { kind } = bulk.metadata;
         // The next one comes when this one is drawn.
@@ -56,16 +77,24 @@ export class Connection {
       }
       this.#take(JSON.parse(data));
     };
-    socket.onclose = ({ code }) => {
-      if (socket !== this.#socket) return;
-      const gone = new Refusal({ code: "unavailable", message: "The connection was lost before an answer came." });
-      for (const { reject } of this.#open.values()) reject(gone);
-      this.#open.clear();
-      if (code === NEEDS_TOKEN) return this.changed("token");
-      this.changed("lost");
-      this.#retry = setTimeout(() => this.#connect(), this.#pauseMs);
-      this.#pauseMs = Math.min(2 * this.#pauseMs, LONGEST_PAUSE_MS);
-    };
+    socket.onclose = ({ code }) => this.#lost(socket, code);
+  }
+
+  #lost(socket, code) {
+    if (socket !== this.#socket || socket.isOver) return;
+    socket.isOver = true;
+    socket.close();
+    this.#refuseAll();
+    if (code === NEEDS_TOKEN) return this.changed("token");
+    this.changed("lost");
+    this.#retry = setTimeout(() => this.#connect(), this.#pauseMs);
+    this.#pauseMs = Math.min(2 * this.#pauseMs, LONGEST_PAUSE_MS);
+  }
+
+  #refuseAll() {
+    const gone = new Refusal({ code: "unavailable", message: "The connection was lost before an answer came." });
+    for (const { reject } of this.#open.values()) reject(gone);
+    this.#open.clear();
   }
 
   #take(message) {
@@ -97,6 +126,11 @@ export class Connection {
     });
     answered.id = id;
     return answered;
+  }
+
+  /** Gives a request of this page's up: its promise rejects with `cancelled`, unless it has ended. */
+  cancel(request) {
+    this.ask("cancel", { request }).catch(() => {});
   }
 
   /** Stops a robot; resolves when it shows the stop. */

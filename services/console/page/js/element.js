@@ -18,11 +18,12 @@ export function el(tag, properties = {}, ...children) {
 /** The element with an id. */
 export const byId = (id) => document.getElementById(id);
 
-/** Puts new children in the place of an element's old ones; the focus stays on whatever has the same `data-key`. */
+/** Puts new children in the place of an element's old ones; the focus stays on whatever has the same `data-key`, or id. */
 export function fill(element, ...children) {
-  const focused = element.contains(document.activeElement) ? document.activeElement.dataset.key : undefined;
+  const { id, dataset: { key } } = element.contains(document.activeElement) ? document.activeElement : { dataset: {} };
+  const focused = key ? `[data-key="${CSS.escape(key)}"]` : id && `#${CSS.escape(id)}`;
   element.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
-  if (focused) element.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+  if (focused) element.querySelector(focused)?.focus();
 }
 
 /** Fills a select with names, and keeps or sets what is chosen. */

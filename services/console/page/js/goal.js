@@ -42,15 +42,14 @@ export class Goal {
   }
 
   /** Forgets objects that a scene does not have. */
-  keep(ids) {
-    if (this.query && !ids.has(this.query)) this.query = 0;
-    this.terms.forEach((term) => { if (term.anchor && !ids.has(term.anchor)) term.anchor = 0; });
-  }
+  keep(ids) { this.rename((id) => (ids.has(id) ? id : 0)); }
 
   /** Gives every object the id that `again` gives for its old one. */
   rename(again) {
+    const { query, anchors } = this.marks;
     if (this.query) this.query = again(this.query);
     this.terms.forEach((term) => { if (term.anchor) term.anchor = again(term.anchor); });
+    if (query !== this.query || String(anchors) !== String(this.marks.anchors)) this.render();
   }
 
   get marks() {
@@ -100,13 +99,13 @@ export class Goal {
     const complete = this.isComplete;
     fill(this.box,
       el("div", { className: "title" }, el("h2", { id: "goal-title", textContent: "Goal" }), el("span", { className: "grow" }),
-        el("button", { type: "button", className: "quiet small", textContent: "Clear", disabled: this.isEmpty && this.terms.length < 2, onclick: () => this.clear() })),
+        el("button", { type: "button", className: "quiet small", textContent: "Clear", data: { key: "clear" }, disabled: this.isEmpty && this.terms.length < 2, onclick: () => this.clear() })),
       el("div", { className: `sentence${this.#wrong("query")}` }, "Move",
         this.#chip(this.query, "query", "click an object", { key: "query", label: this.query ? `Move object ${this.query}` : "Object to move: none yet", title: "The object to move",
           click: () => { this.query = 0; this.#changed(); } }),
         this.query ? "so that it is" : ""),
       el("ul", { className: "terms" }, this.terms.map((term, k) => this.#term(term, k))),
-      el("button", { type: "button", className: "quiet small", textContent: "+ and …", title: "Another term (A)", onclick: () => this.addTerm() }),
+      el("button", { type: "button", className: "quiet small", textContent: "+ and …", title: "Another term (A)", data: { key: "add" }, onclick: () => this.addTerm() }),
       this.#more(),
       el("div", { className: "row" },
         this.#isAsking
@@ -147,7 +146,12 @@ export class Goal {
       this.#chip(term.anchor, "anchor", "click its anchor", { key: `anchor-${k}`, active: isActive, title: "The next click on an object sets this anchor",
         label: term.anchor ? `Anchor: object ${term.anchor}` : "Anchor: none yet", click: () => { this.active = k; term.anchor = 0; this.#changed(); } }),
       this.terms.length > 1 && el("button", { type: "button", className: "quiet small", textContent: "✕", "aria-label": `Remove term ${k + 1}`,
-        onclick: () => { this.terms.splice(k, 1); this.active = Math.min(this.active, this.terms.length - 1); this.#changed(); } }));
+        data: { key: `remove-${k}` }, onclick: () => {
+          this.terms.splice(k, 1);
+          // The active term stays the same one, unless it is this.
+          this.active = Math.min(this.active - (k < this.active ? 1 : 0), this.terms.length - 1);
+          this.#changed();
+        } }));
   }
 
   #more() {
@@ -158,12 +162,12 @@ export class Goal {
       onchange: set(name, (v) => (v === "" ? (name === "clearance" ? "" : 0) : Number(v))), ...extra });
     const field = (name, text, ...inputs) => [el("label", { htmlFor: `option-${name}`, textContent: text }), el("div", { className: "row" }, inputs)];
     const details = el("details", { className: "more", open: this.isOpen, ontoggle: ({ target }) => { this.isOpen = target.open; } },
-      el("summary", { textContent: "Options" }),
+      el("summary", { textContent: "Options", data: { key: "options" } }),
       el("div", { className: "fields" },
         field("count", "Places wanted", number("count", "count", { min: 1, max: 64 })),
         field("rotation", "Turning", select("rotation", { fixed: "keep its direction", yaw: "may be turned upright", stable: "may be set on another side" })),
         field("view", "Left and right as", select("view", { camera: "the camera sees it", scene: "I look at the scene", degrees: "from a direction" }),
-          options.view === "degrees" && number("degrees", "view_yaw_rad", { min: -180, max: 180, step: 5 }), options.view === "degrees" && "°"),
+          options.view === "degrees" && number("degrees", "view_yaw_rad", { min: -180, max: 180, step: 5, "aria-label": "Direction, degrees" }), options.view === "degrees" && "°"),
         field("variant", "Method", select("variant", VARIANTS)),
         field("clearance", "Clearance", number("clearance", "min_clearance_m", { min: 0, max: 500, placeholder: "any" }), "mm"),
         field("seed", "Seed", number("seed", "seed", { min: 0 }))));

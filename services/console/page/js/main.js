@@ -1,28 +1,32 @@
 // The page put together: what the console says goes to the parts, what the parts ask goes to the console.
 
-import { Motion, Sequence } from "./activity.js";
+import { Motion, Sequence, recovered } from "./activity.js";
+import { STALE_MS, isStale } from "./age.js";
 import { Arrangement } from "./arrangement.js";
+import { sceneOf } from "./bulk.js";
 import { Connection } from "./connection.js";
 import { byId, choices, el, fill } from "./element.js";
 import { Goal } from "./goal.js";
+import { notice } from "./notice.js";
 import { Picture, labelsOf } from "./picture.js";
 import { Placements, evidence } from "./placements.js";
 import { World } from "./scene.js";
+import { askForToken } from "./sign_in.js";
 import { System } from "./system.js";
+import { followTheme } from "./theme.js";
+import { showTip } from "./tip.js";
 import { centimetres, colorOf } from "./words.js";
 
 const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm: "Arm", way: "Way", zones: "Keep-out" };
-/** How long a passing notice stays. */
-const NOTICE_MS = 6000;
-/** A picture or a state that is older than this is not called live, milliseconds. */
-const STALE_MS = 3000;
 /** How far an object may seem to have moved between two segmentations of one picture, metres. */
 const SAME_M = 0.03;
 const ROLES = ["viewer", "planner", "operator"];
-const stored = { get: (key) => sessionStorage.getItem(`repose.${key}`) ?? undefined, set: (key, value) => sessionStorage.setItem(`repose.${key}`, value) };
+const stored = { get: (key) => sessionStorage.getItem(`repose.${key}`) || undefined, set: (key, value) => sessionStorage.setItem(`repose.${key}`, value) };
 
 let role = "viewer", cell, camera, robot, page;
-let scene, newest, isHeld = false, hasWatched = false, asked, myPlan, hadPlan;
+let scene, newest, isHeld = false, hasWatched = false, myPlan, hadPlan;
+/** The requests for places and for the motion to one that are under way. */
+let asked, planning;
 /** The cell that the console's messages are of, and how often one was asked for. */
 let toldOf, watches = 0;
 /** How often an answer was cleared: one that comes after that is of a goal of before. */
@@ -36,20 +40,10 @@ const connection = new Connection(heard, (state) => {
   byId("link").lastElementChild.textContent = { live: "Live", lost: "Connection lost", token: "Signed out" }[state];
   document.body.classList.toggle("stale", state !== "live");
   if (state === "lost") notice({ message: "The connection to the console is lost. Trying again; what is shown may be out of date." }, "bad");
-  if (state === "token") askForToken();
+  if (state === "token") askForToken((token) => connection.signIn(token));
 });
 
 // The parts.
-
-const tip = byId("tip");
-function showTip(event, ...content) {
-  tip.hidden = !content.length || !content[0];
-  if (tip.hidden) return;
-  fill(tip, ...content);
-  const { width, height } = tip.getBoundingClientRect();
-  tip.style.left = `${Math.min(event.clientX + 14, innerWidth - width - 8)}px`;
-  tip.style.top = `${Math.min(event.clientY + 14, innerHeight - height - 8)}px`;
-}
 
 const picture = new Picture(byId("picture"), {
   picked: (id, { shift, pixel }) => (id ? goal.pick(id, { shift }) : segment(pixel)),
@@ -62,11 +56,11 @@ const world = new World(byId("world"), {
     showTip(event, placement && el("b", { textContent: `Place ${rank + 1}` }), placement && evidence(placement, placed.goal));
   },
 });
-const goal = new Goal(byId("goal"), { changed: goalChanged, ask: find, collect: () => sequence.add(goal.request(scene.id, world.yaw)), cancel: () => asked && connection.ask("cancel", { request: asked }).catch(() => {}) });
+const goal = new Goal(byId("goal"), { changed: goalChanged, ask: find, collect: () => scene && sequence.add(goal.request(scene.id, world.yaw)), cancel: giveUp });
 const placements = new Placements(byId("answers"), { lit, reason: (reason) => world.litRejected(reason), plan: planMotion });
 const motion = new Motion(byId("motion"), { execute, reset, recover, preview: (t) => world.previewAt(t) });
 const arrangement = new Arrangement(byId("arrangement"), {
-  ask: (request) => connection.ask("arrange", { request }), cancel: (request) => connection.ask("cancel", { request }).catch(() => {}),
+  ask: (request) => connection.ask("arrange", { request }), cancel: (request) => connection.cancel(request),
   run: (request) => connection.ask("bring_about", { robot, request }).then(() => { sequence.clear(); goal.clear(); release(); }), end: () => connection.ask("end_sequence").catch((refusal) => notice(refusal, "bad")),
 });
 const sequence = new Sequence(byId("sequence"), { run: runSequence, arrange: (goals) => arrangement.find(goals), end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
@@ -79,23 +73,13 @@ function lit(rank) {
 
 // What the console says.
 
-function notice(text, kind = "") {
-  const box = byId("notice");
-  box.hidden = !text;
-  box.className = `notice ${kind}`;
-  clearTimeout(notice.over);
-  // What is wrong stays until it is not; the rest is read and gone.
-  if (text && !kind) notice.over = setTimeout(() => { box.hidden = true; }, NOTICE_MS);
-  if (text) box.textContent = `${text.message}${text.field ? ` (${text.field})` : ""}`;
-}
-
 async function heard(kind, message) {
   switch (kind) {
     case "welcome": return welcomed(message);
     case "watching": toldOf = message.cell; return;
     case "cells": return choices(byId("cell"), [...new Set([cell, ...message.cells])].filter(Boolean).sort(), cell);
   }
-  // What was on its way when another cell was chosen is not of that one.
+  // What was on its way when another cell, or another of its cameras, was chosen is not of that one.
   if (toldOf !== cell) return;
   switch (kind) {
     case "system": return systemShown(message);
@@ -112,7 +96,6 @@ function welcomed(welcome) {
   // A newer console has newer pages.
   if (page !== undefined && page !== welcome.page) return location.reload();
   page = welcome.page;
-  toldOf = undefined;
   notice();
   role = welcome.role;
   system.welcome(welcome);
@@ -125,22 +108,30 @@ function welcomed(welcome) {
   cell ??= stored.get("cell") ?? welcome.cell;
   choices(byId("cell"), [cell], cell);
   camera ??= stored.get("camera");
+  // The console has forgotten this viewer's plan. What is under way is told again where it still is: a console that was started anew knows of nothing.
+  myPlan = undefined;
+  planShown(undefined);
+  if (motion.isMoving || sequence.isUnderWay || arrangement.isUnderWay) heardOfActivity({});
   // What was held is known to the console no longer, once it has ended.
-  if (isHeld) connection.ask("watch", { cell, camera }).then(() => connection.ask("hold", { scene_id: scene.id })).catch(() => release());
-  else watch();
+  const released = () => { release(); notice({ message: "The console has ended meanwhile and knows the held picture no longer: choose the goal again." }); };
+  watch().then((isWatched) => isWatched && isHeld && connection.ask("hold", { scene_id: scene.id }).catch(released));
 }
 
+/** Looks at the chosen cell and camera; whether that is so. */
 async function watch() {
   hasWatched = true;
+  toldOf = undefined;
   const turn = ++watches;
   try {
     await connection.ask("watch", { cell, camera: camera ?? null });
+    return true;
   } catch (refusal) {
     // The choice that has overtaken this one has an answer of its own.
-    if (turn !== watches) return;
+    if (turn !== watches) return false;
     hasWatched = false;
     if (refusal.field !== "camera") notice(refusal, "bad");
     camera = undefined;
+    return false;
   }
 }
 
@@ -155,28 +146,25 @@ function systemShown(message) {
 }
 
 async function pictureShown({ tensors }) {
-  pictureShown.at = performance.now();
-  if (isHeld) return;
+  const heardAt = performance.now();
+  if (isHeld) return void (pictureShown.at = heardAt);
   // In the order in which they came: a recording that is played has stamps of before, and two cells have clocks of their own.
   const turn = ++pictureShown.came;
   const bitmap = await createImageBitmap(new Blob([tensors.jpeg], { type: "image/jpeg" }));
   // Of several that were being decoded, an older one may come last, or after another camera was chosen.
   if (isHeld || turn < pictureShown.first) return bitmap.close();
-  pictureShown.first = turn;
+  [pictureShown.first, pictureShown.at] = [turn, heardAt];
   picture.show(bitmap);
   drawSeen();
 }
 [pictureShown.came, pictureShown.first] = [0, 0];
 
-/** Pictures that are on their way are of a camera that is looked through no longer. */
+/** What is shown, and on its way, is of a camera that is looked through no longer. */
 function forgetPictures() {
-  pictureShown.first = pictureShown.came + 1;
-  pictureShown.at = undefined;
-}
-
-function sceneOf({ metadata, tensors }) {
-  const meta = JSON.parse(metadata.scene), { width, height } = meta.camera;
-  return { id: metadata.scene_id, camera: metadata.camera, grid: JSON.parse(metadata.grid), meta, width, height, tensors, objects: new Map(meta.objects.map((object) => [object.id, object])) };
+  [pictureShown.first, pictureShown.at, newest, scene] = [pictureShown.came + 1];
+  picture.forget();
+  drawObjects();
+  drawSeen();
 }
 
 function sceneShown(message) {
@@ -213,9 +201,10 @@ function drawObjects() {
 }
 
 function drawSeen() {
-  const badge = byId("seen"), age_ms = performance.now() - (pictureShown.at ?? performance.now());
-  badge.className = `badge ${isHeld ? "held" : age_ms > STALE_MS ? "bad" : scene ? "live" : ""}`;
-  badge.textContent = isHeld ? "held for the goal" : age_ms > STALE_MS ? `${Math.floor(age_ms / 1000)} s old` : scene ? "live" : "";
+  const badge = byId("seen"), { at } = pictureShown;
+  const [kind, text] = isHeld ? ["held", "held for the goal"] : at === undefined ? ["", ""]
+    : isStale(at) ? ["bad", `${Math.floor((performance.now() - at) / 1000)} s old`] : ["live", "live"];
+  Object.assign(badge, { className: `badge ${kind}`, textContent: text });
   byId("follow").hidden = !isHeld;
 }
 
@@ -236,7 +225,11 @@ async function hold() {
   drawSeen();
   const { tensors, id } = scene;
   connection.ask("hold", { scene_id: id }).catch((refusal) => notice(refusal));
-  if (tensors.jpeg) picture.show(await createImageBitmap(new Blob([tensors.jpeg], { type: "image/jpeg" })));
+  if (!tensors.jpeg) return;
+  const bitmap = await createImageBitmap(new Blob([tensors.jpeg], { type: "image/jpeg" }));
+  // Let go of meanwhile, it is older than what is shown.
+  if (isHeld && scene?.id === id) picture.show(bitmap);
+  else bitmap.close();
 }
 
 /** Asks perception for the object at a pixel that shows none. */
@@ -251,6 +244,8 @@ function segment(pixel) {
 /** Takes the scene in which perception has looked for an object: what was picked is found in it by where it is. */
 function segmented(message) {
   const found = sceneOf(message), [u, v] = segment.pixel;
+  // Of the camera before: another was chosen meanwhile.
+  if (camera && found.camera !== camera) return;
   const again = (id) => {
     const was = scene.objects.get(id)?.centroid_m, distance = ({ centroid_m }) => Math.hypot(...centroid_m.map((x, k) => x - was[k]));
     const nearest = was && [...found.objects.values()].sort((a, b) => distance(a) - distance(b))[0];
@@ -276,20 +271,31 @@ function release() {
   drawSeen();
 }
 
+/** Gives up what is being asked about the goal: places for it, or the motion to one. */
+function giveUp() {
+  [asked, planning].forEach((request) => request && connection.cancel(request));
+}
+
 function clearAnswer() {
   cleared++;
-  if (asked) connection.ask("cancel", { request: asked }).catch(() => {});
+  giveUp();
   placements.clear();
   world.showPlacements(0, []);
   world.showRejected({});
+  discard();
+}
+
+/** Lets this viewer's plan go. */
+function discard() {
   if (!myPlan) return;
   connection.ask("discard", { plan: myPlan }).catch(() => {});
   myPlan = undefined;
   planShown(undefined);
+  placements.planned(undefined);
 }
 
 async function find() {
-  if (asked || !goal.isComplete) return;
+  if (asked || !scene || !goal.isComplete) return;
   clearAnswer();
   const turn = cleared, request = goal.request(scene.id, world.yaw);
   const answer = connection.ask("place", { request }, (progress) => {
@@ -313,12 +319,15 @@ async function find() {
 
 async function planMotion() {
   const placed = placements.answer?.placed;
-  if (!placed?.placements.length) return;
+  if (planning || !placed?.placements.length) return;
+  if (!robot) return placements.fault({ code: "unavailable", message: "No robot tells its state in this cell." });
   const turn = cleared;
   placements.planning(true);
+  const answer = connection.ask("plan", {
+    scene_id: placed.scene_id, robot, query: placed.query, placements: placed.placements.map((p) => p.placed_from_observed), seed: placed.seed });
+  planning = answer.id;
   try {
-    const { plan } = await connection.ask("plan", {
-      scene_id: placed.scene_id, robot, query: placed.query, placements: placed.placements.map((p) => p.placed_from_observed), seed: placed.seed });
+    const { plan } = await answer;
     // The goal was changed while the motion was planned: that one is nobody's.
     if (turn !== cleared) return void connection.ask("discard", { plan }).catch(() => {});
     myPlan = plan;
@@ -326,6 +335,8 @@ async function planMotion() {
     placements.planned(hadPlan?.plan === myPlan ? hadPlan : undefined);
   } catch (refusal) {
     if (turn === cleared) placements.fault(refusal);
+  } finally {
+    planning = undefined;
   }
 }
 
@@ -360,38 +371,38 @@ function heardOfActivity({ execution, sequence: several, arrangement: arranged }
   motion.execution(execution);
   sequence.running(several);
   arrangement.running(arranged);
-  if (wasMoving && !motion.isMoving && execution?.ended?.outcome?.outcome === "done") {
+  const isDone = execution?.ended?.outcome?.outcome === "done";
+  // A goal whose picture was let go of for the motion has ids that mean nothing in those that came since.
+  if (wasMoving && !motion.isMoving && (isDone || !isHeld)) {
     goal.clear();
     clearAnswer();
   }
 }
 
 function robotShown(shown) {
+  shown.heardAt = performance.now();
   robots.set(shown.robot, shown);
   if (!robot || !robots.has(robot)) {
     robot = shown.robot;
     choices(byId("robot"), [...robots.keys()].sort(), robot);
   }
   world.showRobot(shown);
-  if (shown.robot !== robot) return;
+  if (shown.robot === robot) chosenShown();
+}
+
+/** Shows the chosen robot as it was last heard of. */
+function chosenShown() {
+  const shown = robots.get(robot), isStopped = !!shown?.state.stop, button = byId("stop");
   motion.robot(shown);
-  showStopped(!!shown.state.stop);
-}
-
-function robotForgotten() {
-  motion.robot(undefined);
-  motion.fault();
-  showStopped(false);
-}
-
-function showStopped(isStopped) {
-  const button = byId("stop");
   button.classList.toggle("latched", isStopped);
   button.textContent = isStopped ? "Stopped" : "Stop";
 }
 
 function stop() {
-  connection.stop(cell, robot ?? "panda", "stopped from the console").then(() => notice(), (refusal) => notice({ message: `Stop: ${refusal.message}`, field: refusal.field }, "bad"));
+  // Over a network that has gone nothing comes back for minutes.
+  const late = setTimeout(() => notice({ message: "Stop: nobody has confirmed it yet. If the robot goes on, use the switch beside it." }, "bad"), STALE_MS);
+  connection.stop(cell, robot ?? "panda", "stopped from the console").finally(() => clearTimeout(late))
+    .then(() => notice(), (refusal) => notice({ message: `Stop: ${refusal.message}`, field: refusal.field }, "bad"));
 }
 
 /** Clears the stop that is shown, and none that has latched since. */
@@ -402,19 +413,9 @@ function reset(name, shown) {
 
 /** Brings an arm back; what is said of it, or the refusal. Neither is of a cell that was chosen meanwhile. */
 async function recover(name, move, unchecked) {
-  const asked = cell, ended = await recovered(name, move, unchecked);
-  return asked === cell ? ended : {};
-}
-
-async function recovered(name, move, unchecked) {
-  try {
-    const { outcome, reason, checked_against: scene, camera } = await connection.ask("recover", { robot: name, move, unchecked });
-    if (outcome !== "done") return { refusal: { code: outcome, message: reason ?? "it did not get there" } };
-    if (move === "open") return { said: "The hand is open." };
-    return { said: `${move === "home" ? "The arm is home" : "The hand has backed off"}; its way was checked against ${scene ? `the scene of camera ${camera}` : "itself and the keep-out zones only, not against its surroundings"}.` };
-  } catch (refusal) {
-    return { refusal };
-  }
+  const begunIn = cell, answered = connection.ask("recover", { robot: name, move, unchecked });
+  const ended = await answered.then((answer) => recovered(move, answer), (refusal) => ({ refusal }));
+  return begunIn === cell ? ended : {};
 }
 
 function runSequence(goals) {
@@ -429,20 +430,22 @@ byId("follow").addEventListener("click", () => release());
 byId("open-system").addEventListener("click", () => system.open());
 byId("cell").addEventListener("change", ({ target }) => {
   cell = target.value;
-  toldOf = undefined;
   [camera, robot, newest, scene, myPlan] = [];
   robots.clear();
   world.forget();
   // An idle cell says nothing of what is carried out in it.
   planShown(undefined);
   heardOfActivity({});
-  robotForgotten();
+  chosenShown();
+  motion.fault();
   sequence.clear();
   arrangement.clear();
-  forgetPictures();
   isHeld = false;
   goal.clear();
+  forgetPictures();
   stored.set("cell", cell);
+  // Another cell's camera of that name is another camera.
+  stored.set("camera", "");
   choices(byId("camera"), []);
   choices(byId("robot"), []);
   watch();
@@ -450,6 +453,7 @@ byId("cell").addEventListener("change", ({ target }) => {
 byId("camera").addEventListener("change", ({ target }) => {
   camera = target.value;
   stored.set("camera", camera);
+  newest = undefined;
   goal.clear();
   release();
   forgetPictures();
@@ -457,7 +461,10 @@ byId("camera").addEventListener("change", ({ target }) => {
 });
 byId("robot").addEventListener("change", ({ target }) => {
   robot = target.value;
-  if (robots.has(robot)) motion.robot(robots.get(robot));
+  // What is carried out next is of this one.
+  discard();
+  motion.fault();
+  chosenShown();
 });
 
 fill(byId("layers"), Object.entries(LAYERS).map(([name, text]) => el("button", { type: "button", textContent: text, "aria-pressed": "true", onclick: ({ currentTarget }) => {
@@ -468,8 +475,12 @@ fill(byId("layers"), Object.entries(LAYERS).map(([name, text]) => el("button", {
 } })), el("button", { type: "button", textContent: "Reset view", onclick: () => world.look() }));
 
 addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || byId("sign-in").open) return;
-  if (event.key === "s" || event.key === "S") if (!event.target.matches("input")) return stop();
+  // A key that is kept down is pressed once.
+  if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || byId("sign-in").open) return;
+  // With capitals locked, too; and with Shift a digit is a sign, by its place on the keyboard still a digit.
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  const digit = Number(/^[1-9]$/.test(key) ? key : /^Digit([1-9])$/.exec(event.code)?.[1]);
+  if (key === "s" && !event.target.matches("input")) return stop();
   // Giving a goal up works everywhere; other letters belong to the field that is being filled.
   if (byId("system").open || event.key !== "Escape" && event.target.matches("input, select, textarea")) return;
   const onButton = event.target.matches("button, summary, .placement");
@@ -477,37 +488,11 @@ addEventListener("keydown", (event) => {
     Enter: () => !onButton && find(), p: planMotion, e: () => byId("execute")?.click(), r: () => byId("reset")?.click(), n: () => goal.negate(), a: () => goal.addTerm(),
     Escape: () => { goal.clear(); release(); },
   };
-  if (/^[1-9]$/.test(event.key) && scene?.objects.has(Number(event.key))) goal.pick(Number(event.key), { shift: event.shiftKey });
-  else keys[event.key]?.();
+  if (scene?.objects.has(digit)) goal.pick(digit, { shift: event.shiftKey });
+  else keys[key]?.();
 });
 
-const dark = matchMedia("(prefers-color-scheme: dark)");
-function theme(name) {
-  const chosen = name ?? localStorage.getItem("repose.theme") ?? (dark.matches ? "dark" : "light");
-  if (name) localStorage.setItem("repose.theme", name);
-  document.documentElement.dataset.theme = chosen;
-  byId("theme").textContent = chosen === "dark" ? "☀" : "☾";
-  picture.mark(goal.marks);
-}
-byId("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
-dark.addEventListener("change", () => theme());
-theme();
+followTheme(() => picture.mark(goal.marks));
 drawSeen();
 // What comes no longer says nothing by itself.
 setInterval(() => { drawSeen(); motion.aged(); }, 1000);
-
-function askForToken() {
-  const dialog = byId("sign-in"), fault = el("div");
-  const token = el("input", { type: "password", autocomplete: "current-password", required: true, "aria-label": "Token", style: "width: 100%" });
-  fill(dialog, el("form", { onsubmit: async (event) => {
-    event.preventDefault();
-    try {
-      await connection.signIn(token.value);
-      dialog.close();
-    } catch (refusal) {
-      fill(fault, el("div", { className: "fault", textContent: refusal.message }));
-    }
-  } }, el("div", { className: "title" }, el("h2", { id: "sign-in-title", textContent: "This console asks for a token" })), token,
-    el("div", { className: "row", style: "margin-top: 12px" }, el("button", { type: "submit", className: "primary", textContent: "Sign in" })), fault));
-  if (!dialog.open) dialog.showModal();
-}

@@ -92,6 +92,15 @@ export class Picture {
     this.empty.hidden = true;
   }
 
+  /** Shows nothing: what was shown is of another cell or camera, and no click is meant for it. */
+  forget() {
+    this.#bitmap?.close?.();
+    this.#bitmap = this.#scene = undefined;
+    this.base.getContext("2d").clearRect(0, 0, this.base.width, this.base.height);
+    this.empty.hidden = false;
+    this.#draw();
+  }
+
   /** Takes the objects of a scene. */
   outline(scene) {
     this.#scene = Object.assign(scene, outlines(scene.labels, scene.width, scene.height));

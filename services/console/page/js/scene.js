@@ -361,6 +361,9 @@ export class World {
     for (const { group } of this.arms.values()) dispose(group);
     this.arms.clear();
     Object.values(this.layers).forEach((group) => group !== this.layers.way && dispose(group));
+    // Else zones like those of before would count as drawn.
+    this.#zones = "[]";
+    this.#scene = this.#cloud = this.boxes = undefined;
     this.#isTurned = false;
     this.#fitted = 0;
     this.showPlan(undefined);

@@ -3,10 +3,11 @@
 import { el, fill } from "./element.js";
 import { milliseconds } from "./words.js";
 
-const SILENT_MS = 1000;
+/** A worker that has told no load for so long is asked for nothing, milliseconds. */
+const SUSPECT_MS = 1000;
 
 export class System {
-  #shown; #welcome;
+  #shown; #welcome; #seed = 1;
 
   /** `newScene(seed)` resets a simulated cell. */
   constructor(dialog, actions) {
@@ -39,14 +40,15 @@ export class System {
   }
 
   #simulated() {
-    const seed = el("input", { type: "number", min: 0, value: 1, id: "scene-seed", data: { key: "scene-seed" } });
+    // Kept here: this dialog is drawn anew with every message.
+    const seed = el("input", { type: "number", min: 0, value: this.#seed, id: "scene-seed", data: { key: "scene-seed" }, oninput: ({ target }) => { this.#seed = target.value; } });
     return el("div", { className: "row", style: "margin-top: 16px" }, el("label", { htmlFor: "scene-seed", textContent: "Simulated scene" }), seed,
-      el("button", { type: "button", textContent: "Set up", onclick: () => { this.actions.newScene(Number(seed.value)); this.dialog.close(); } }));
+      el("button", { type: "button", textContent: "Set up", data: { key: "set-up" }, onclick: () => { this.actions.newScene(Number(this.#seed)); this.dialog.close(); } }));
   }
 }
 
 function worker({ service, name, load, silent_ms }) {
-  const state = load?.draining ? "draining" : silent_ms > SILENT_MS ? `silent for ${milliseconds(silent_ms)}` : "";
+  const state = load?.draining ? "draining" : silent_ms > SUSPECT_MS ? `silent for ${milliseconds(silent_ms)}` : "";
   return el("tr", {},
     el("td", { textContent: service }), el("td", { textContent: name }),
     el("td", { className: "num", textContent: load ? `${load.queue_depth} of ${load.queue_capacity}` : "–" }),

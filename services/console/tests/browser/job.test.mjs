@@ -138,7 +138,9 @@ test("the keyboard is enough", async () => {
   await page.keyboard.press(String(query));
   await page.keyboard.press(String(anchor));
   await page.keyboard.press("n");
-  await page.keyboard.press("n");
+  // With capitals locked the keys are the same.
+  await page.keyboard.press("N");
+  assert.equal(await page.locator("#goal .toggle").first().getAttribute("aria-pressed"), "false");
   await page.keyboard.press("Enter");
   await page.waitForSelector("#answers .placement, #answers .tally, #goal .fault", { timeout: PATIENCE_MS });
   assert.equal(await page.locator("#goal .fault").count(), 0, await page.locator("#goal").textContent());
@@ -320,7 +322,32 @@ test("a stop that nobody takes is not passed over in silence", async () => {
   await page.click("#stop");
   await textOf(page, "#notice", /Stop:/);
   assert.deepEqual(await page.locator("#picture").boundingBox(), before, "a notice moves nothing under the pointer");
+  await page.click("#notice button");
+  assert.ok(await page.locator("#notice").isHidden(), "what was read can be put away");
   await page.unroute("**/stop");
+  // A network that is gone says nothing for minutes.
+  await page.route("**/stop", () => {});
+  await page.click("#stop");
+  await textOf(page, "#notice", /nobody has confirmed/);
+  await page.click("#notice button");
+  await page.unroute("**/stop");
+});
+
+test("a connection that says nothing any more is given up though nobody has closed it", async () => {
+  const context = await browser.newContext(), behind = await context.newPage();
+  let isDeaf = false;
+  await behind.routeWebSocket("**/socket", (socket) => {
+    const server = socket.connectToServer();
+    isDeaf = false;
+    socket.onMessage((message) => isDeaf || server.send(message));
+    server.onMessage((message) => isDeaf || socket.send(message));
+  });
+  await behind.goto(system.url);
+  await textOf(behind, "#link", /Live/);
+  isDeaf = true;
+  await textOf(behind, "#link", /lost/);
+  await textOf(behind, "#link", /Live/);
+  await context.close();
 });
 
 test("a narrow screen has everything, and the stop at the thumb", async () => {
@@ -339,6 +366,11 @@ test("the system is listed with its workers", async () => {
   await page.click("#open-system");
   const text = await textOf(page, "#workers", /planner/);
   for (const service of ["perception", "inference", "motion", "simulator"]) assert.ok(text.includes(service), service);
+  // It is drawn anew with every message; what is typed in it stays.
+  await page.fill("#scene-seed", "7");
+  const typed = await page.$("#scene-seed");
+  await page.waitForFunction((field) => !field.isConnected, typed);
+  assert.deepEqual([await page.inputValue("#scene-seed"), await page.evaluate(() => document.activeElement.id)], ["7", "scene-seed"]);
   await screenshot(page, "12-system");
   assert.deepEqual(page.faults.filter((fault) => !/ERR_CONNECTION|WebSocket|Failed to load/.test(fault)), []);
 });

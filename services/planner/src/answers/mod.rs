@@ -121,7 +121,7 @@ mod tests {
     use super::*;
     use crate::scene::candidate::CandidatePose;
     use crate::settings::PlanSettings;
-    use crate::tests::learned::{judging, scene};
+    use crate::tests::fake::{judging, scene};
 
     #[test]
     fn where_time_ends_the_best_that_is_believed_is_the_answer() {

@@ -155,7 +155,7 @@ mod tests {
     use crate::search::search;
     use crate::search::source::CandidateSource;
     use crate::settings::PlanSettings;
-    use crate::tests::learned::{BESIDE, Fake, judging, judging_with, scene, stepped};
+    use crate::tests::fake::{BESIDE, Fake, judging, judging_with, scene, stepped};
 
     /// The answers, and how many candidates were believed of those asked about.
     fn answers(count: u32, seed: u64, asked_at_once: usize) -> (Vec<JudgedCandidate>, usize) {

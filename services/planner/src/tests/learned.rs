@@ -1,161 +1,15 @@
-//! The variants with networks, on fakes whose answers are known: a prior around a place, relations and realism by simple formulas.
+//! The variants with networks, on fakes whose answers are known.
 
 use std::ops::ControlFlow;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-use nalgebra::Point3;
-use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64;
-use repose_geometry::{ViewerFrame, cloud, transform};
 use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, Rejection, Variant};
-use repose_proto::scoring::{MixtureComponent, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
-use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
+use repose_proto::{ErrorCode, Relation};
 
-use crate::checks::rules::Rules;
-use crate::judge::Judge;
-use crate::judge::problem::PlacementProblem;
-use crate::learned::forecast::{Forecast, ForecastFitData, Forecasts};
-use crate::learned::models::PlacementModels;
+use crate::learned::forecast::Forecast;
 use crate::learned::{standing, success};
-use crate::plan::{SearchStep, plan, plan_with_report};
-use crate::scene::prepared::PreparedScene;
-use crate::search::stop::StopReason;
-use crate::settings::PlanSettings;
-use crate::tests::forecasts;
+use crate::plan::{plan, plan_with_report};
+use crate::tests::fake::{BESIDE, Fake, always, moved_by, request, run, scene, stepped};
 use crate::tests::synthetic::{Prepared, SceneBuilder};
-use repose_belief::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
-
-/// A fake whose prior has components at given offsets, whose realism falls with the distance from the nearest of some heights, and
-/// whose only relation is `right_of`: likely where x exceeds the anchor's.
-pub(crate) struct Fake {
-    means_m: Vec<[f64; 3]>,
-    real_height_m: f32,
-    scored: AtomicUsize,
-    /// From this score request on, another worker with other weights answers.
-    changes_after: usize,
-    /// From this score request on, the deadline passes before an answer comes.
-    late_after: usize,
-    /// What it says of success.
-    pub(crate) success: Option<Forecast>,
-    /// What it says of how objects stand: the forecasts of the program's weights where it says nothing of its own.
-    pub(crate) stands: Option<Forecast>,
-    neighbour_stays: Option<Forecast>,
-}
-
-impl Fake {
-    pub(crate) fn new(means_m: &[[f64; 3]]) -> Self {
-        Self {
-            means_m: means_m.to_vec(),
-            real_height_m: 0.045,
-            scored: AtomicUsize::new(0),
-            changes_after: usize::MAX,
-            late_after: usize::MAX,
-            success: None,
-            stands: None,
-            neighbour_stays: None,
-        }
-    }
-}
-
-impl PlacementModels for Fake {
-    fn prior(&self, request: &PriorRequest, scene: &Arc<Scene>) -> Result<PriorReply, CallError> {
-        let anchor: Vec<Point3<f32>> = scene.points_of(request.anchor).map(Point3::from).collect();
-        let anchor = cloud::centroid(&anchor).unwrap();
-        let weight = 1.0 / self.means_m.len() as f64;
-        let component =
-            |mean_m: &[f64; 3]| MixtureComponent { weight, mean_m: *mean_m, sigma_m: [0.03; 3], yaw_mean_rad: 0.0, yaw_concentration: 0.0 };
-        let mut rng = Pcg64::seed_from_u64(request.seed);
-        let (mut candidates, mut components) = (Vec::new(), Vec::new());
-        for i in 0..request.count as usize {
-            let k = i % self.means_m.len();
-            let at: [f32; 3] = std::array::from_fn(|axis| {
-                let z: f64 = StandardNormal.sample(&mut rng);
-                (anchor[axis] + self.means_m[k][axis] + 0.03 * z) as f32
-            });
-            candidates.push([at[0], at[1], at[2], 0.0]);
-            components.push(k as u8);
-        }
-        Ok(PriorReply {
-            mixture: self.means_m.iter().map(component).collect(),
-            weights_hash: "first".to_owned(),
-            kernel: "fake".to_owned(),
-            candidates,
-            components,
-        })
-    }
-
-    fn score(&self, request: &ScoreRequest, scene: &Arc<Scene>) -> Result<ScoreReply, CallError> {
-        let calls = self.scored.fetch_add(1, Ordering::Relaxed);
-        if calls >= self.late_after {
-            return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before an answer came"));
-        }
-        // Never quite sure, so that what was asked can be told from what was not.
-        let realism = |row: &[f32; 4]| 0.99 * (-((row[2] - self.real_height_m) / 0.02).powi(2)).exp();
-        let relations = |row: &[f32; 4], anchor: u16| {
-            let anchor: Vec<Point3<f32>> = scene.points_of(anchor).map(Point3::from).collect();
-            let x = cloud::centroid(&anchor).unwrap().x as f32;
-            let mut p = [0.1; RELATION_COUNT];
-            p[Relation::RightOf.index()] = 1.0 / (1.0 + (-(row[0] - x - 0.05) / 0.01).exp());
-            p
-        };
-        let rows = || request.candidates.iter();
-        Ok(ScoreReply {
-            weights_hash: if calls >= self.changes_after { "second" } else { "first" }.to_owned(),
-            kernel: "fake".to_owned(),
-            realism: if request.realism { rows().map(realism).collect() } else { Vec::new() },
-            relations: match request.relations {
-                true => rows().flat_map(|row| request.anchors.iter().map(move |a| relations(row, *a))).collect(),
-                false => Vec::new(),
-            },
-            anchors: request.anchors.len(),
-        })
-    }
-
-    fn forecasts(&self) -> Result<Arc<Forecasts>, CallError> {
-        let known = (**forecasts()).clone();
-        Ok(Arc::new(Forecasts {
-            success: self.success.clone(),
-            stands: self.stands.clone().unwrap_or(known.stands),
-            neighbour_stays: self.neighbour_stays.clone().unwrap_or(known.neighbour_stays),
-            ..known
-        }))
-    }
-}
-
-pub(crate) fn scene() -> PreparedScene {
-    SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared()
-}
-
-/// Has work done with the judge of a request on [`scene`], whose networks believe in places beside the anchor.
-pub(crate) fn judging<T>(request: &PlaceRequest, settings: &PlanSettings, work: impl FnOnce(&mut Judge<'_>) -> T) -> T {
-    judging_with(&Fake::new(&[BESIDE]), request, settings, work)
-}
-
-/// The same with networks of one's own.
-pub(crate) fn judging_with<T>(fake: &Fake, request: &PlaceRequest, settings: &PlanSettings, work: impl FnOnce(&mut Judge<'_>) -> T) -> T {
-    let prepared = scene();
-    let query = prepared.query(request.query, 0.0, &settings.fixed).unwrap();
-    let rules = Rules::new(&prepared, request.query, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
-    let problem = PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request, settings };
-    work(&mut Judge::new(problem, fake))
-}
-
-pub(crate) fn request(prepared: &PreparedScene, variant: Variant, goal: &[&str]) -> PlaceRequest {
-    let goal = goal.iter().map(|t| t.parse().unwrap()).collect();
-    PlaceRequest { variant, ..PlaceRequest::new(prepared.scene_id.clone(), 2, goal) }
-}
-
-fn run(prepared: &PreparedScene, request: &PlaceRequest, fake: &Fake) -> PlaceResult {
-    plan(prepared, request, fake, &mut |_| ControlFlow::Continue(())).unwrap()
-}
-
-fn moved_by(result: &PlaceResult, answer: usize) -> nalgebra::Vector3<f64> {
-    transform::from_row_major(&result.placements[answer].placed_from_observed.0).unwrap().translation.vector
-}
-
-pub(crate) const BESIDE: [f64; 3] = [0.16, 0.0, 0.0];
 
 #[test]
 fn full_ends_where_realism_and_goal_are_highest_and_echoes_who_answered() {
@@ -228,20 +82,6 @@ fn best_says_how_sure_it_is_and_answers_none_where_that_is_too_little() {
     assert_eq!(run(&prepared, &wanted("right_of:1", None), &silent).placements[0].success, None);
     let error = plan(&prepared, &wanted("right_of:1", Some(0.5)), &silent, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("min_success")));
-}
-
-/// A forecast that says the same of everything.
-pub(crate) fn always(p: f32, names: &[&str]) -> Forecast {
-    let leaf = DecisionTree { splits: Vec::new(), leaves: vec![(p / (1.0 - p)).ln()] };
-    Forecast::new(names, BoostedTrees { bias: 0.0, trees: vec![leaf] }, ForecastFitData::default()).unwrap()
-}
-
-/// A forecast that says one thing where a measure is below a value, and another from there on.
-pub(crate) fn stepped(names: &[&str], measure: &str, at: f32, said: [f32; 2]) -> Forecast {
-    let number = names.iter().position(|name| *name == measure).unwrap() as u8;
-    let splits = vec![TreeSplit(number, at, [Branch::Leaf(0), Branch::Leaf(1)])];
-    let tree = DecisionTree { splits, leaves: said.map(|p| (p / (1.0 - p)).ln()).to_vec() };
-    Forecast::new(names, BoostedTrees { bias: 0.0, trees: vec![tree] }, ForecastFitData::default()).unwrap()
 }
 
 #[test]
@@ -337,72 +177,6 @@ fn an_asked_clearance_is_kept_though_collisions_are_left_to_the_discriminator() 
 }
 
 #[test]
-fn a_deadline_within_a_batch_is_partial_as_one_between_two_is() {
-    let prepared = scene();
-    for variant in [Variant::Full, Variant::Best] {
-        let wanted = PlaceRequest { count: 4, ..request(&prepared, variant, &["right_of:1"]) };
-        let whole = Fake::new(&[BESIDE]);
-        run(&prepared, &wanted, &whole);
-        let asked = whole.scored.load(Ordering::Relaxed);
-        assert!(asked > 2, "{variant}: {asked}");
-        for late_after in 0..asked {
-            let fake = Fake { late_after, ..Fake::new(&[BESIDE]) };
-            let mut iterations = 0;
-            let ended = plan(&prepared, &wanted, &fake, &mut |step| {
-                iterations += u32::from(step != SearchStep::Batch);
-                ControlFlow::Continue(())
-            });
-            match ended {
-                Err(error) => assert_eq!((error.code, iterations), (ErrorCode::DeadlineExceeded, 0), "{variant}: {late_after} of {asked}"),
-                Ok(partial) => {
-                    assert_eq!(partial.outcome, Outcome::Partial, "{variant}: {late_after} of {asked}");
-                    assert!(partial.iterations >= iterations && partial.placements.iter().all(|p| p.realism.is_some()));
-                    // One iteration leaves the best so far; where networks only rank, from when they were first asked about it on.
-                    assert!(iterations == 0 || !partial.placements.is_empty(), "{variant}: {late_after} of {asked}");
-                }
-            }
-            assert_eq!(fake.scored.load(Ordering::Relaxed), late_after + 1, "{variant}: after the deadline nothing is asked");
-        }
-    }
-}
-
-#[test]
-fn a_deadline_while_evidence_is_gathered_leaves_the_answer() {
-    let prepared = scene();
-    let wanted = request(&prepared, Variant::Full, &["right_of:1", "left_of:1"]);
-    let whole = Fake::new(&[BESIDE]);
-    let result = run(&prepared, &wanted, &whole);
-    let late_after = whole.scored.load(Ordering::Relaxed) - 1;
-    let late = run(&prepared, &wanted, &Fake { late_after, ..Fake::new(&[BESIDE]) });
-    assert_eq!((late.outcome, &late.rejections), (Outcome::None, &result.rejections));
-    assert!(result.relaxation.is_some() && late.relaxation.is_none());
-}
-
-#[test]
-fn where_networks_only_rank_nothing_is_returned_that_they_were_not_asked_about() {
-    // One small batch an iteration: of some seeds the first has no feasible candidate and the second some.
-    let prepared = scene();
-    let mut unasked = 0;
-    for seed in 0..60 {
-        let mut wanted = PlaceRequest { seed, ..request(&prepared, Variant::Best, &["right_of:1", "near:1"]) };
-        (wanted.budget.batch, wanted.budget.draws_per_batch) = (Some(4), Some(1));
-        let (mut iterations, mut batches) = (0, 0);
-        let ended = plan(&prepared, &wanted, &Fake::new(&[BESIDE]), &mut |step| {
-            match step {
-                SearchStep::Iteration(_) => (iterations, batches) = (iterations + 1, 0),
-                SearchStep::Batch => batches += 1,
-            }
-            if iterations == 1 && batches == 2 { ControlFlow::Break(StopReason::Deadline) } else { ControlFlow::Continue(()) }
-        });
-        let Ok(partial) = ended else { continue };
-        assert!(partial.placements.iter().all(|p| p.realism.is_some()), "seed {seed}: {:?}", partial.placements);
-        let accepted = partial.evaluated > partial.rejections.values().sum();
-        unasked += usize::from(partial.outcome == Outcome::Partial && accepted && partial.placements.is_empty());
-    }
-    assert!(unasked > 0, "no seed had such a search");
-}
-
-#[test]
 fn as_many_answers_are_given_as_are_asked_where_there_is_room() {
     let prepared = scene();
     let mut wanted = request(&prepared, Variant::Best, &["right_of:1"]);
@@ -426,49 +200,6 @@ fn without_an_answer_the_report_still_has_the_lowest_cost_in_view() {
     let report = plan_with_report(&prepared, &wanted, &fake, &mut |_| ControlFlow::Continue(())).unwrap();
     let best = report.best_in_view.unwrap();
     assert!(report.answers.is_empty() && best.cost.is_finite() && best.realism.is_some() && best.relations.is_some());
-}
-
-#[test]
-fn a_stop_at_any_batch_asks_nothing_more_and_says_what_it_is() {
-    let prepared = scene();
-    for variant in [Variant::Full, Variant::Best] {
-        let wanted = PlaceRequest { count: 4, ..request(&prepared, variant, &["right_of:1"]) };
-        let mut batches = 0;
-        let whole = plan(&prepared, &wanted, &Fake::new(&[BESIDE]), &mut |step| {
-            batches += usize::from(step == SearchStep::Batch);
-            ControlFlow::Continue(())
-        })
-        .unwrap();
-        for stop_at in 0..batches {
-            for stop in [StopReason::Deadline, StopReason::Cancelled] {
-                let fake = Fake::new(&[BESIDE]);
-                let (mut seen, mut iterations, mut asked) = (0, 0, 0);
-                let ended = plan(&prepared, &wanted, &fake, &mut |step| {
-                    let SearchStep::Iteration(_) = step else {
-                        seen += 1;
-                        asked = fake.scored.load(Ordering::Relaxed);
-                        return if seen > stop_at { ControlFlow::Break(stop) } else { ControlFlow::Continue(()) };
-                    };
-                    iterations += 1;
-                    ControlFlow::Continue(())
-                });
-                assert_eq!(fake.scored.load(Ordering::Relaxed), asked, "{variant}: nothing is asked after the stop at batch {stop_at}");
-                match (stop, iterations, ended) {
-                    (StopReason::Cancelled, _, ended) => assert_eq!(ended.unwrap_err().code, ErrorCode::Cancelled),
-                    (StopReason::Deadline, 0, ended) => assert_eq!(ended.unwrap_err().code, ErrorCode::DeadlineExceeded),
-                    (StopReason::Deadline, _, ended) => {
-                        let partial = ended.unwrap();
-                        assert_eq!((partial.outcome, partial.iterations), (Outcome::Partial, iterations));
-                        assert!(partial.evaluated <= whole.evaluated);
-                        // What the networks were not asked about is not passed off as believed.
-                        assert!(partial.placements.iter().all(|p| p.realism.is_some()), "{variant}: {:?}", partial.placements);
-                    }
-                }
-            }
-        }
-        assert_eq!(whole.outcome, Outcome::Found);
-        assert!(batches >= 4, "{variant}: {batches} batches");
-    }
 }
 
 #[test]
@@ -510,13 +241,4 @@ fn what_is_believed_less_than_asked_is_no_answer_though_geometry_would_have_it()
     assert!(result.rejections[&Rejection::Unrealistic] > 5, "{:?}", result.rejections);
     let geometric = run(&prepared, &PlaceRequest { variant: Variant::Geometric, ..wanted }, &fake);
     assert_eq!(geometric.outcome, Outcome::Found);
-}
-
-#[test]
-fn weights_that_change_half_way_end_the_request() {
-    let prepared = scene();
-    let fake = Fake { changes_after: 3, ..Fake::new(&[BESIDE]) };
-    let wanted = request(&prepared, Variant::Full, &["right_of:1"]);
-    let error = plan(&prepared, &wanted, &fake, &mut |_| ControlFlow::Continue(())).unwrap_err();
-    assert_eq!(error.code, ErrorCode::Unavailable);
 }

@@ -1,9 +1,11 @@
 //! What the planner answers on synthetic scenes, with and without networks.
 
 mod arrange;
-pub(crate) mod learned;
+pub(crate) mod fake;
+mod learned;
 mod plan;
 mod sides;
+mod stops;
 pub(crate) mod synthetic;
 
 use std::sync::{Arc, OnceLock};

@@ -10,7 +10,7 @@ use crate::learned::{standing, success};
 use crate::plan::{PlanReport, plan_turned_with_report, plan_with_report};
 use crate::scene::moved::table_after;
 use crate::scene::turned::{turned_over, turns};
-use crate::tests::learned::{self, BESIDE, Fake, always, scene, stepped};
+use crate::tests::fake::{self, BESIDE, Fake, always, scene, stepped};
 use crate::tests::plan::{request, run};
 use crate::tests::synthetic::{Prepared, SceneBuilder};
 
@@ -77,7 +77,7 @@ fn answers_on_other_sides_that_are_too_close_are_told() {
 #[test]
 fn of_an_object_on_another_side_success_is_told_by_how_it_lay_too() {
     let prepared = scene();
-    let mut wanted = learned::request(&prepared, Variant::Best, &["right_of:1"]);
+    let mut wanted = fake::request(&prepared, Variant::Best, &["right_of:1"]);
     wanted.thresholds.realism = Some(0.0);
     let mut fake = Fake::new(&[BESIDE]);
     fake.success = Some(always(0.9, &success::names()));

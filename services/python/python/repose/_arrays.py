@@ -35,8 +35,11 @@ def depth_counts(depth: Any, depth_unit_m: float | None) -> tuple[NDArray[np.uin
     array = as_array(depth, "depth")
     if array.ndim != 2:
         raise InvalidArgument(f"expected an image [height, width], got shape {list(array.shape)}", "depth")
-    if array.dtype == np.uint16:
-        return np.ascontiguousarray(array), COARSE_UNIT_M if depth_unit_m is None else float(depth_unit_m)
+    if depth_unit_m is not None and not depth_unit_m > 0:
+        raise InvalidArgument(f"expected metres per count, got {depth_unit_m}", "depth_unit_m")
+    # In either order of bytes: some readers of PNG leave the file's.
+    if array.dtype.kind == "u" and array.dtype.itemsize == 2:
+        return np.ascontiguousarray(array, dtype=np.uint16), COARSE_UNIT_M if depth_unit_m is None else float(depth_unit_m)
     if array.dtype.kind != "f":
         raise InvalidArgument(f"expected uint16 counts or float metres, got {array.dtype}", "depth")
     metres = np.where(np.isfinite(array) & (array > 0), array, 0).astype(np.float64)
@@ -49,7 +52,10 @@ def depth_counts(depth: Any, depth_unit_m: float | None) -> tuple[NDArray[np.uin
 
 def intrinsics(camera_matrix: Any) -> tuple[float, float, float, float]:
     """Focal lengths and principal point (fx, fy, cx, cy), pixels, of a 3x3 matrix or of those four numbers."""
-    array = as_array(camera_matrix, "K").astype(np.float64)
+    array = as_array(camera_matrix, "K")
+    if array.dtype.kind not in "fiu":
+        raise InvalidArgument(f"expected numbers, got {array.dtype}", "K")
+    array = array.astype(np.float64)
     if array.shape == (4,):
         fx, fy, cx, cy = (float(v) for v in array)
         return fx, fy, cx, cy
@@ -71,6 +77,15 @@ def image(value: Any, name: str, shape: tuple[int, ...], dtype: type[np.generic]
             raise InvalidArgument(f"expected {np.dtype(dtype).name}, got {array.dtype}", name)
         array = array.astype(dtype)
     return np.ascontiguousarray(array)
+
+
+def rigid_transform(value: Any, name: str) -> NDArray[np.float64]:
+    """One rigid transform [4, 4]; whether it is rigid is checked by who uses it."""
+    array = as_array(value, name)
+    if array.shape != (4, 4):
+        raise InvalidArgument(f"expected a transform [4, 4], got shape {list(array.shape)}", name)
+    checked: NDArray[np.float64] = rigid_transforms(array, name)[0]
+    return checked
 
 
 def rigid_transforms(value: Any, name: str) -> NDArray[np.float64]:

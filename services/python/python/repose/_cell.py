@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 from . import _native
+from ._json import as_json
 from ._steps import pause, threaded
 from .calls import Answer, Call, Execution, RobotState
 from .errors import DeadlineExceeded, InvalidArgument, NotFound, Unavailable
@@ -55,7 +56,7 @@ class Cell:
             service,
             method,
             schema,
-            json.dumps(request, allow_nan=False).encode(),
+            as_json(request, "request").encode(),
             deadline_s=deadline_s,
             priority=priority,
             idempotent=idempotent,
@@ -66,6 +67,10 @@ class Cell:
             missed=missed,
         )
         return Call(pending, lambda answer: answer)
+
+    async def workers(self, service: str) -> list[str]:
+        """Return the names of a service's workers that are alive."""
+        return await threaded(lambda: self.connection.workers(service))
 
     async def latest(self, camera: str | None = None, *, deadline_s: float = 10.0) -> dict[str, Any]:
         """Return the summary of a camera's newest scene: ``scene_id``, ``objects``, ``surfaces``, ``stamp_ns``.
@@ -225,9 +230,11 @@ class Cell:
 
         """
         name = self.robot if robot is None else robot
-        states = self.connection.subscribe("robot_state", name, True)
-        heard = await threaded(lambda: states.recv(timeout_s))
-        states.close()
+        states = await threaded(lambda: self.connection.subscribe("robot_state", name, True))
+        try:
+            heard = await threaded(lambda: states.recv(timeout_s))
+        finally:
+            states.close()
         if heard is None:
             raise Unavailable(f"robot {name} does not tell its state", "robot")
         return RobotState._of(heard[2])
@@ -244,18 +251,21 @@ class Cell:
         body = json.dumps(stop).encode()
         began = time.monotonic()
         ends = began + timeout_s
+        # Within asyncio, too, not by a thread: there may be none free.
         self.connection.put("robot_estop", name, "EmergencyStop.v1", body)
-        states = self.connection.subscribe("robot_state", name, True)
-        while time.monotonic() < ends:
-            heard = await threaded(lambda: states.recv(AGAIN_S))
-            state = None if heard is None else RobotState._of(heard[2])
-            shown = None if state is None or state.stop is None else state.stop.get("estop_id")
-            # Another's stop does not do at first: whoever clears that does not know of this one.
-            holds = shown == stop["id"] or (shown is not None and time.monotonic() - began > ANOTHERS_S)
-            if state is not None and holds:
-                states.close()
-                return state
-            self.connection.put("robot_estop", name, "EmergencyStop.v1", body)
+        states = await threaded(lambda: self.connection.subscribe("robot_state", name, True))
+        try:
+            while time.monotonic() < ends:
+                heard = await threaded(lambda: states.recv(AGAIN_S))
+                state = None if heard is None else RobotState._of(heard[2])
+                shown = None if state is None or state.stop is None else state.stop.get("estop_id")
+                # Another's stop does not do at first: whoever clears that does not know of this one.
+                holds = shown == stop["id"] or (shown is not None and time.monotonic() - began > ANOTHERS_S)
+                if state is not None and holds:
+                    return state
+                self.connection.put("robot_estop", name, "EmergencyStop.v1", body)
+        finally:
+            states.close()
         raise DeadlineExceeded(f"robot {name} has not shown the stop within {timeout_s} s; it was sent", "robot")
 
     async def reset(self, robot: str | None = None) -> bool:

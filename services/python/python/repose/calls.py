@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Generator, Iterator, Sequence
+from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from dataclasses import dataclass
 from os import PathLike
+from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -59,7 +60,7 @@ class Execution:
     data: dict[str, Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotState:
     """What a robot says of itself.
 
@@ -87,7 +88,17 @@ class RobotState:
 
 
 class Call(Generic[T]):
-    """A call under way: wait for its `result`, or await it; go through its `progress`; `cancel` it."""
+    """A call under way: wait for its `result`, or await it; go through its `progress`; `cancel` it.
+
+    Ctrl-C while one waits for it cancels it, and so does the end of a block that it is the context of::
+
+        with client.execute_call(motion) as call:
+            for step in call.progress():
+                print(step["phase"])
+            print(call.result().outcome)
+
+    Whoever only lets go of it leaves it to go on.
+    """
 
     def __init__(self, pending: _native.Pending, read: Callable[[Answer], T]) -> None:
         """Wrap a native call; private."""
@@ -111,7 +122,7 @@ class Call(Generic[T]):
             try:
                 ended = self._pending.wait(timeout_s)
             except KeyboardInterrupt:
-                self._pending.cancel()
+                self._pending.give_up()
                 raise
             if ended is None:
                 raise TimeoutError(f"the call has not ended within {timeout_s} s")
@@ -120,15 +131,28 @@ class Call(Generic[T]):
             self._answer = Answer(data, content, schema, worker, attempts, timing_ms)
         return self._answer
 
-    def progress(self) -> Iterator[dict[str, Any]]:
-        """Go through the progress replies as they come, until the call ends."""
-        while (reply := self._pending.next_progress()) is not None:
-            yield json.loads(reply)
+    def progress(self) -> Generator[dict[str, Any], None, None]:
+        """Go through the progress replies as they come, until the call ends.
 
-    async def aprogress(self) -> AsyncIterator[dict[str, Any]]:
-        """Go through the progress replies in asyncio."""
-        while (reply := await asyncio.to_thread(self._pending.next_progress)) is not None:
-            yield json.loads(reply)
+        A loop that is left before that, by Ctrl-C, an exception or ``break``, cancels the call; a robot that it moves comes to rest. To
+        look at some of the progress and let the call go on, keep the iterator: ``steps = call.progress(); next(steps)``.
+        """
+        try:
+            while (reply := self._pending.next_progress()) is not None:
+                yield json.loads(reply)
+        except BaseException:
+            self._pending.give_up()
+            raise
+
+    async def aprogress(self) -> AsyncGenerator[dict[str, Any], None]:
+        """Go through the progress replies in asyncio; as `progress`, where the task is cancelled, too."""
+        try:
+            while (reply := await asyncio.to_thread(self._pending.next_progress)) is not None:
+                yield json.loads(reply)
+        except BaseException:
+            # Which also ends the thread that waits for the next reply.
+            self._pending.cancel()
+            raise
 
     def done(self) -> bool:
         """Whether the call has ended."""
@@ -137,6 +161,18 @@ class Call(Generic[T]):
     def cancel(self) -> None:
         """End the call with `repose.Cancelled`, and tell its worker."""
         self._pending.cancel()
+
+    def __enter__(self) -> Call[T]:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._pending.give_up()
+
+    async def __aenter__(self) -> Call[T]:
+        return self
+
+    async def __aexit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        await asyncio.to_thread(self._pending.give_up)
 
     def __await__(self) -> Generator[Any, None, T]:
         return self._ended().__await__()
@@ -157,7 +193,7 @@ class Call(Generic[T]):
         self._pending.on_done(call_back)
         try:
             await ended
-        except asyncio.CancelledError:
+        except BaseException:
             self._pending.cancel()
             raise
         return self.result(0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncGenerator, Generator, Sequence
 from os import PathLike
 from types import TracebackType
 from typing import Any
@@ -45,10 +45,6 @@ class _Connected:
     def robot(self) -> str:
         """The robot that is meant where a call names none."""
         return self._core.robot
-
-    def workers(self, service: str) -> list[str]:
-        """Return the names of a service's workers that are alive."""
-        return self._core.connection.workers(service)
 
     def call(
         self,
@@ -99,7 +95,7 @@ class _Connected:
         )
 
     def close(self) -> None:
-        """End the session."""
+        """End the session. Calls under way are cancelled; a robot that one of them moves comes to rest."""
         self._core.connection.close()
 
     def __repr__(self) -> str:
@@ -109,6 +105,7 @@ class _Connected:
 class Client(_Connected):
     """A client that waits for its answers. Safe to use from several threads. Make one with `connect`."""
 
+    workers = blocking(Cell.workers)
     latest = blocking(Cell.latest)
     scene = blocking(Cell.scene)
     segment = blocking(Cell.segment)
@@ -122,15 +119,17 @@ class Client(_Connected):
     stop = blocking(Cell.stop)
     reset = blocking(Cell.reset)
 
-    def watch_scene(self, camera: str | None = None, *, timeout_s: float | None = None) -> Iterator[dict[str, Any]]:
+    def watch_scene(self, camera: str | None = None, *, timeout_s: float | None = None) -> Generator[dict[str, Any], None, None]:
         """Go through a camera's scene summaries as they are published, the newest only; ends when none comes for ``timeout_s``."""
-        return map(json.loads, self._watch("scene", self.camera if camera is None else camera, timeout_s))
+        for content in self._watch("scene", self.camera if camera is None else camera, timeout_s):
+            yield json.loads(content)
 
-    def watch_robot(self, robot: str | None = None, *, timeout_s: float | None = None) -> Iterator[RobotState]:
+    def watch_robot(self, robot: str | None = None, *, timeout_s: float | None = None) -> Generator[RobotState, None, None]:
         """Go through a robot's states as they are published, the newest only; ends when none comes for ``timeout_s``."""
-        return map(RobotState._of, self._watch("robot_state", self.robot if robot is None else robot, timeout_s))
+        for content in self._watch("robot_state", self.robot if robot is None else robot, timeout_s):
+            yield RobotState._of(content)
 
-    def _watch(self, kind: str, name: str, timeout_s: float | None) -> Iterator[bytes]:
+    def _watch(self, kind: str, name: str, timeout_s: float | None) -> Generator[bytes, None, None]:
         subscription = self._core.connection.subscribe(kind, name, True)
         try:
             while (message := subscription.recv(timeout_s)) is not None:
@@ -148,6 +147,7 @@ class Client(_Connected):
 class AsyncClient(_Connected):
     """A client for asyncio. Cancelling the task cancels the call at its worker. Make one with `connect_async`."""
 
+    workers = awaiting(Cell.workers)
     latest = awaiting(Cell.latest)
     scene = awaiting(Cell.scene)
     segment = awaiting(Cell.segment)
@@ -161,18 +161,18 @@ class AsyncClient(_Connected):
     stop = awaiting(Cell.stop)
     reset = awaiting(Cell.reset)
 
-    async def watch_scene(self, camera: str | None = None) -> AsyncIterator[dict[str, Any]]:
-        """See `Client.watch_scene`."""
+    async def watch_scene(self, camera: str | None = None) -> AsyncGenerator[dict[str, Any], None]:
+        """See `Client.watch_scene`; it ends with the client."""
         async for content in self._watch("scene", self.camera if camera is None else camera):
             yield json.loads(content)
 
-    async def watch_robot(self, robot: str | None = None) -> AsyncIterator[RobotState]:
-        """See `Client.watch_robot`."""
+    async def watch_robot(self, robot: str | None = None) -> AsyncGenerator[RobotState, None]:
+        """See `Client.watch_robot`; it ends with the client."""
         async for content in self._watch("robot_state", self.robot if robot is None else robot):
             yield RobotState._of(content)
 
-    async def _watch(self, kind: str, name: str) -> AsyncIterator[bytes]:
-        subscription = self._core.connection.subscribe(kind, name, True)
+    async def _watch(self, kind: str, name: str) -> AsyncGenerator[bytes, None]:
+        subscription = await asyncio.to_thread(self._core.connection.subscribe, kind, name, True)
         try:
             while True:
                 message = await asyncio.to_thread(subscription.recv, SLICE_S)

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
-from ._arrays import as_array, rigid_transforms
+from ._arrays import as_array, rigid_transform
 from .calls import connection_to
 from .errors import InvalidArgument, ReposeError
 from .frame import Frame
@@ -75,7 +75,7 @@ class Stop:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SetPoint:
     """What a step has sent to the robot.
 
@@ -160,7 +160,7 @@ class RobotDriver:
     def __init__(self, cell: Cell, robot: Robot, *, state_period_s: float = 0.01) -> None:
         """Join a robot to its keys; `Cell.robot` does."""
         self.robot = robot
-        pose = rigid_transforms(robot.world_from_base, "world_from_base")[0].ravel().tolist()
+        pose = rigid_transform(robot.world_from_base, "world_from_base").ravel().tolist()
         self._side = _native.RobotSide(
             cell._connection,
             robot.name,

@@ -57,6 +57,10 @@ class Unclear(InvalidArgument):
         super().__init__(message, "say")
         self.candidates = candidates
 
+    def __reduce__(self) -> tuple[type[Unclear], tuple[str, list[int]]]:
+        # Another process makes an exception of its arguments: here these.
+        return Unclear, (self.message, self.candidates)
+
 
 class NotFound(ReposeError, LookupError):
     """A scene or an object that is not there."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from os import PathLike
 from typing import Any
@@ -10,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from . import _native
-from ._arrays import depth_counts, image, intrinsics, rigid_transforms
+from ._arrays import depth_counts, image, intrinsics, rigid_transform
+from ._json import as_json
 
 __all__ = ["Frame"]
 
@@ -55,8 +55,8 @@ class Frame:
         height, width = counts.shape
         rgb = None if color is None else image(color, "color", (height, width, 3), np.uint8).tobytes()
         ids = None if labels is None else image(labels, "labels", (height, width), np.uint16).tobytes()
-        pose = None if world_from_camera is None else rigid_transforms(world_from_camera, "world_from_camera")[0].ravel().tolist()
-        seen = None if robots is None else json.dumps(list(robots))
+        pose = None if world_from_camera is None else rigid_transform(world_from_camera, "world_from_camera").ravel().tolist()
+        seen = None if robots is None else as_json(list(robots), "robots")
         size = (width, height)
         self._native = _native.Frame(counts.tobytes(), size, intrinsics(K), unit_m, rgb, ids, pose, camera, stamp_ns, seen)
 

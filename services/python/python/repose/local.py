@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._arrays import as_array, rigid_transforms
+from ._json import as_json
 from .errors import InvalidArgument, Unclear
-from .placements import Goal, MotionPlan, Placement, Plan, Taken, goal_terms
+from .placements import RELATIONS, Goal, MotionPlan, Placement, Plan, Taken, goal_terms
 from .scene import Scene
 
 __all__ = ["Models", "PairRelations", "Scores", "picture", "plan", "plan_motion", "relations", "score", "understand"]
@@ -35,7 +36,7 @@ class Models:
 def place_request(scene_id: str, move: int, goal: Goal | list[dict[str, Any]], options: dict[str, Any]) -> dict[str, Any]:
     """Return a ``PlaceRequest`` as it travels: only what is given, so that defaults are the service's."""
     terms = goal if goal and isinstance(goal[0], dict) else goal_terms(goal)  # type: ignore[arg-type]
-    given = {key: _plain(value) for key, value in options.items() if value is not None}
+    given = {key: value for key, value in options.items() if value is not None}
     return {"scene": {"scene_id": scene_id}, "query": _id(move, "move"), "goal": terms, **given}
 
 
@@ -44,11 +45,6 @@ def _id(value: Any, field: str) -> int:
         return int(value)
     except (TypeError, ValueError) as error:
         raise InvalidArgument(f"expected an object id, got {value!r}", field) from error
-
-
-def _plain(value: Any) -> Any:
-    """Return numbers and arrays of NumPy as Python's own."""
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def understand(scene: Scene, say: str, view_yaw_rad: float | None = None) -> tuple[int, list[str], list[Taken]]:
@@ -136,7 +132,7 @@ def plan(
         "thresholds": thresholds,
         **more,
     }
-    request = json.dumps(place_request(scene.id, move, terms, options))
+    request = as_json(place_request(scene.id, move, terms, options), "request")
     return Plan(_native.plan(scene._native, request, _of(models)), taken)
 
 
@@ -151,7 +147,7 @@ def wanted(scene: Scene, move: int | None, goal: Goal | None, say: str | None, v
     return move, goal, []
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PairRelations:
     """What is said of one ordered pair; vectors are in the order of `RELATIONS`.
 
@@ -175,7 +171,7 @@ def relations(scene: Scene, *, models: Models | None = None) -> list[PairRelatio
     return [PairRelations(p["query"], p["anchor"], np.array(p["learned"]), np.array(p["rule"], dtype=np.bool_)) for p in pairs]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scores:
     """What the networks say of n placements.
 
@@ -212,7 +208,8 @@ def score(
     others = [o.id for o in scene.objects if o.id != move] if anchors is None else [_id(a, "anchors") for a in anchors]
     matrices = rigid_transforms(transforms, "transforms")
     realism, related = _native.score(scene._native, _id(move, "move"), others, matrices.tobytes(), realism_by, _of(models))
-    return Scores(np.frombuffer(realism, np.float32), np.frombuffer(related, np.float32).reshape(len(matrices), len(others), 10))
+    of_relations = np.frombuffer(related, np.float32).reshape(len(matrices), len(others), len(RELATIONS))
+    return Scores(np.frombuffer(realism, np.float32).copy(), of_relations.copy())
 
 
 def motion_request(
@@ -273,7 +270,7 @@ def plan_motion(
 
     """
     request = motion_request(scene.id, placements, start_joints_rad, move, robot, grasps, seed)
-    return MotionPlan(_native.plan_motion(scene._native, json.dumps(request)))
+    return MotionPlan(_native.plan_motion(scene._native, as_json(request, "request")))
 
 
 def picture(
@@ -301,7 +298,8 @@ def picture(
 
 def _image(drawn: tuple[int, int, bytes]) -> NDArray[np.uint8]:
     width, height, data = drawn
-    return np.frombuffer(data, np.uint8).reshape(height, width, 3)
+    # A copy can be drawn on.
+    return np.frombuffer(data, np.uint8).reshape(height, width, 3).copy()
 
 
 def _of(models: Models | None) -> _native.Models | None:

@@ -54,7 +54,7 @@ class Taken:
     object: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placement:
     """One place for the object, with its evidence.
 
@@ -167,7 +167,7 @@ class Plan(Sequence[Placement]):
         return f"<Plan: object {self.query} to {', '.join(self.goal)}: {self.outcome}, {len(self)} placements>"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Phase:
     """One stretch of a motion: the gripper acts first, then the arm follows the set-points.
 

@@ -17,7 +17,7 @@ from .frame import Frame
 __all__ = ["Scene", "SceneObject", "Surface"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneObject:
     """An object of a scene.
 
@@ -37,7 +37,7 @@ class SceneObject:
     completeness: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A horizontal surface on which things can stand.
 

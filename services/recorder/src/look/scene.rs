@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, VecDeque};
 
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{CubePrimitive, KeyValuePair, PackedElementField, PointCloud, SceneEntity, SceneUpdate, TextPrimitive};
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3};
 use repose_geometry::transform::from_row_major;
+use repose_geometry::{Aabb, OrientedBox};
 use repose_proto::{PlaceResult, Scene};
 
 use super::message::VisualMessage;
@@ -20,53 +21,16 @@ const SCENES: usize = 16;
 /// Height of numbers, metres.
 const FONT_M: f64 = 0.04;
 
-/// A box, world frame, metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Bounds {
-    low: Vector3<f64>,
-    high: Vector3<f64>,
-}
-
-impl Bounds {
-    /// The box around each label of a scene, in one go over its points.
-    fn of_objects(scene: &Scene) -> BTreeMap<u16, Self> {
-        let mut bounds: BTreeMap<u16, Self> = BTreeMap::new();
-        for (point, label) in scene.points.iter().zip(&scene.labels).filter(|(_, label)| **label > 0) {
-            let point = Vector3::from(point.map(f64::from));
-            let of = bounds.entry(*label).or_insert(Self { low: point, high: point });
-            *of = Self { low: of.low.inf(&point), high: of.high.sup(&point) };
-        }
-        bounds
-    }
-
-    /// The box after a motion, in that color, with its text above it.
-    fn drawn(&self, moved: &Isometry3<f64>, of: [f64; 4], text: String) -> (CubePrimitive, TextPrimitive) {
-        let size = self.high - self.low;
-        let at = moved * Isometry3::from_parts(((self.low + self.high) / 2.0).into(), UnitQuaternion::identity());
-        let above = Translation3::new(0.0, 0.0, size.z / 2.0 + FONT_M) * at;
-        let cube = CubePrimitive { pose: Some(pose(&at)), size: Some(vector(&size)), color: Some(color(of)) };
-        let text = TextPrimitive {
-            pose: Some(pose(&above)),
-            billboard: true,
-            font_size: FONT_M,
-            scale_invariant: false,
-            color: Some(color([1.0; 4])),
-            text,
-        };
-        (cube, text)
-    }
-}
-
 /// The boxes of the objects of the newest scenes, newest first.
 #[derive(Debug, Default)]
 pub struct Boxes {
-    scenes: VecDeque<(String, BTreeMap<u16, Bounds>)>,
+    scenes: VecDeque<(String, BTreeMap<u16, Aabb>)>,
 }
 
 impl Boxes {
     /// A scene's cloud and its objects; keeps its boxes.
     pub fn looks(&mut self, scene_id: &str, scene: &Scene) -> Vec<VisualMessage> {
-        let bounds = Bounds::of_objects(scene);
+        let bounds = Aabb::of_labels(&scene.points, &scene.labels);
         let looks = looks(scene, &bounds);
         if self.scenes.iter().all(|(known, _)| known != scene_id) {
             self.scenes.truncate(SCENES - 1);
@@ -83,7 +47,7 @@ impl Boxes {
             let moved = from_row_major(&placement.placed_from_observed.0).ok()?;
             let of = if rank == 0 { [0.1, 0.64, 0.3, 0.45] } else { [0.4, 0.55, 0.75, 0.3] };
             let likely = placement.realism.map_or_else(String::new, |p| format!(" ({:.0} %)", 100.0 * p));
-            let (cube, text) = bounds.drawn(&moved, of, format!("{}{likely}", rank + 1));
+            let (cube, text) = drawn(bounds, &moved, of, format!("{}{likely}", rank + 1));
             let cost = KeyValuePair { key: "cost".to_owned(), value: format!("{:.4}", placement.cost) };
             let ghost = entity(at, format!("placement {}", rank + 1));
             Some(SceneEntity { metadata: vec![cost], cubes: vec![cube], texts: vec![text], ..ghost })
@@ -93,7 +57,7 @@ impl Boxes {
     }
 }
 
-fn looks(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> Vec<VisualMessage> {
+fn looks(scene: &Scene, bounds: &BTreeMap<u16, Aabb>) -> Vec<VisualMessage> {
     let (camera, at_ns) = (&scene.camera_name, scene.stamp_ns);
     let cloud = VisualMessage::new(format!("/scene/{camera}/cloud"), at_ns, &cloud(scene));
     let objects = VisualMessage::new(format!("/scene/{camera}/objects"), at_ns, &objects(scene, bounds));
@@ -127,10 +91,10 @@ fn cloud(scene: &Scene) -> PointCloud {
     }
 }
 
-fn objects(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> SceneUpdate {
+fn objects(scene: &Scene, bounds: &BTreeMap<u16, Aabb>) -> SceneUpdate {
     let at = instant(scene.stamp_ns);
     let object = |object: &repose_proto::ObjectSummary| {
-        let (cube, text) = bounds.get(&object.id)?.drawn(&Isometry3::identity(), [0.9, 0.6, 0.15, 0.35], object.id.to_string());
+        let (cube, text) = drawn(bounds.get(&object.id)?, &Isometry3::identity(), [0.9, 0.6, 0.15, 0.35], object.id.to_string());
         Some(SceneEntity { cubes: vec![cube], texts: vec![text], ..entity(at, format!("object {}", object.id)) })
     };
     let outline = |surface: &repose_proto::Surface| {
@@ -139,4 +103,20 @@ fn objects(scene: &Scene, bounds: &BTreeMap<u16, Bounds>) -> SceneUpdate {
     let lines = scene.meta.surfaces.iter().map(outline).collect();
     let surfaces = SceneEntity { lines, ..entity(at, "surfaces".to_owned()) };
     SceneUpdate { deletions: vec![all_deleted(at)], entities: scene.meta.objects.iter().filter_map(object).chain([surfaces]).collect() }
+}
+
+/// A box after a motion, in that color, with its text above it.
+fn drawn(bounds: &Aabb, moved: &Isometry3<f64>, of: [f64; 4], text: String) -> (CubePrimitive, TextPrimitive) {
+    let OrientedBox { world_from_box: at, half_extents } = bounds.oriented().transformed(moved);
+    let above = Translation3::new(0.0, 0.0, half_extents.z + FONT_M) * at;
+    let cube = CubePrimitive { pose: Some(pose(&at)), size: Some(vector(&(half_extents * 2.0))), color: Some(color(of)) };
+    let text = TextPrimitive {
+        pose: Some(pose(&above)),
+        billboard: true,
+        font_size: FONT_M,
+        scale_invariant: false,
+        color: Some(color([1.0; 4])),
+        text,
+    };
+    (cube, text)
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use repose_geometry::Aabb;
 use repose_proto::{Scene, SceneSummary, Service};
 use repose_ros_messages::{Detection3DArray, MarkerArray, PointCloud2, PoseArray};
 use repose_runtime::{CallOptions, Caller, Session, fetch_scene};
@@ -44,10 +45,10 @@ impl SceneTopics {
 
     async fn publish(&self, config: &Ros2Config, summary: &SceneSummary, scene: &Scene) -> Result<(), BridgeError> {
         let header = messages::header(&messages::frame_of(&config.world_frame, scene), scene.stamp_ns);
-        let middles = tokio::task::block_in_place(|| messages::middles(scene));
-        self.detections.publish(&messages::detections(&header, summary, &middles)).await?;
+        let boxes = tokio::task::block_in_place(|| Aabb::of_labels(&scene.points, &scene.labels));
+        self.detections.publish(&messages::detections(&header, summary, &boxes)).await?;
         self.poses.publish(&messages::poses(&header, summary)).await?;
-        self.markers.publish(&messages::markers(&header, summary, &middles)).await?;
+        self.markers.publish(&messages::markers(&header, summary, &boxes)).await?;
         let cloud = tokio::task::block_in_place(|| messages::cloud(&header, scene));
         self.cloud.publish(&cloud).await
     }

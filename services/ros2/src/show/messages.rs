@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Vector3 as V3};
+use repose_geometry::Aabb;
 use repose_geometry::transform::from_row_major;
 use repose_proto::scene::WorldFrame;
 use repose_proto::{ObjectSummary, RigidTransform, Scene, SceneSummary};
@@ -28,35 +29,25 @@ pub fn header(frame_id: &str, stamp_ns: u64) -> Header {
     Header { stamp: Time::from_ns(stamp_ns), frame_id: frame_id.to_owned() }
 }
 
-/// The middles of the boxes around objects: an object's pose is at the mean of its points, which are on the sides that were seen.
-pub fn middles(scene: &Scene) -> BTreeMap<u16, V3<f64>> {
-    let mut bounds: BTreeMap<u16, [V3<f64>; 2]> = BTreeMap::new();
-    for (point, label) in scene.points.iter().zip(&scene.labels).filter(|(_, label)| **label > 0) {
-        let point = V3::from(point.map(f64::from));
-        let [low, high] = bounds.entry(*label).or_insert([point; 2]);
-        (*low, *high) = (low.inf(&point), high.sup(&point));
-    }
-    bounds.into_iter().map(|(id, [low, high])| (id, (low + high) / 2.0)).collect()
-}
-
-/// Where the box around an object is.
-fn box_pose(object: &ObjectSummary, middles: &BTreeMap<u16, V3<f64>>) -> Pose {
+/// Where the box around an object is. The object's pose will not do: it is at the mean of its points, which are on the sides that were seen.
+fn box_pose(object: &ObjectSummary, boxes: &BTreeMap<u16, Aabb>) -> Pose {
     let mut pose = pose_of(object);
-    if let Some(middle) = middles.get(&object.id) {
+    if let Some(around) = boxes.get(&object.id) {
+        let middle = around.center().cast::<f64>();
         pose.position = Point { x: middle.x, y: middle.y, z: middle.z };
     }
     pose
 }
 
 /// The objects, each as what it is known as: its id. What kind of thing it is nobody has looked at.
-pub fn detections(header: &Header, summary: &SceneSummary, middles: &BTreeMap<u16, V3<f64>>) -> Detection3DArray {
+pub fn detections(header: &Header, summary: &SceneSummary, boxes: &BTreeMap<u16, Aabb>) -> Detection3DArray {
     let detection = |object: &ObjectSummary| {
         let pose = PoseWithCovariance { pose: pose_of(object), ..PoseWithCovariance::default() };
         let hypothesis = ObjectHypothesis { class_id: "object".to_owned(), score: object.score.unwrap_or(1.0) };
         Detection3D {
             header: header.clone(),
             results: vec![ObjectHypothesisWithPose { hypothesis, pose }],
-            bbox: BoundingBox3D { center: box_pose(object, middles), size: vector(object.extent_m) },
+            bbox: BoundingBox3D { center: box_pose(object, boxes), size: vector(object.extent_m) },
             id: object.id.to_string(),
         }
     };
@@ -69,7 +60,7 @@ pub fn poses(header: &Header, summary: &SceneSummary) -> PoseArray {
 }
 
 /// Boxes and ids to look at; those of before are taken away.
-pub fn markers(header: &Header, summary: &SceneSummary, middles: &BTreeMap<u16, V3<f64>>) -> MarkerArray {
+pub fn markers(header: &Header, summary: &SceneSummary, boxes: &BTreeMap<u16, Aabb>) -> MarkerArray {
     let clear = Marker { header: header.clone(), action: marker::DELETE_ALL, ..Marker::default() };
     let of = |object: &ObjectSummary| {
         let color = color_of(object.id);
@@ -78,12 +69,12 @@ pub fn markers(header: &Header, summary: &SceneSummary, middles: &BTreeMap<u16, 
         let block = Marker {
             ns: "objects".to_owned(),
             kind: marker::CUBE,
-            pose: box_pose(object, middles),
+            pose: box_pose(object, boxes),
             scale: Vector3 { x, y, z },
             color: ColorRgba { a: 0.4, ..color },
             ..base.clone()
         };
-        let mut above = box_pose(object, middles);
+        let mut above = box_pose(object, boxes);
         above.position.z += z / 2.0 + 0.03;
         let scale = Vector3 { z: 0.04, ..Vector3::default() };
         let words =
@@ -194,14 +185,14 @@ mod tests {
         let header = header(&frame_of("world", &scene), scene.stamp_ns);
         assert_eq!((header.frame_id.as_str(), header.stamp.nanosec), ("world", 5));
         let summary = scene.summary("0".repeat(64));
-        let middles = middles(&scene);
-        let found = detections(&header, &summary, &middles);
+        let boxes = Aabb::of_labels(&scene.points, &scene.labels);
+        let found = detections(&header, &summary, &boxes);
         assert_eq!((found.detections[0].id.as_str(), found.detections[0].bbox.size.z), ("3", 0.3));
         assert_eq!(poses(&header, &summary).poses[0].position.x, 0.5);
         // The pose is the mean of the points, the box is around them.
         let (of_box, of_object) = (&found.detections[0].bbox.center.position, &found.detections[0].results[0].pose.pose.position);
         assert_eq!(([of_box.x, of_box.y, of_box.z], of_object.x), ([5.0, 6.0, 7.0], 0.5));
-        let shown = markers(&header, &summary, &middles).markers;
+        let shown = markers(&header, &summary, &boxes).markers;
         assert_eq!(shown[1].pose.position.x, 5.0);
         assert_eq!(shown.iter().map(|m| m.action).collect::<Vec<_>>(), [marker::DELETE_ALL, marker::ADD, marker::ADD]);
         assert_eq!(shown[2].text, "3");

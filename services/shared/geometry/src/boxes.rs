@@ -1,5 +1,7 @@
 //! Axis-aligned and oriented boxes.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// An axis-aligned box. `min <= max` in every coordinate.
@@ -17,6 +19,17 @@ impl Aabb {
         let mut points = points.into_iter();
         let first = *points.next()?;
         Some(points.fold(Self { min: first, max: first }, |b, p| Self { min: b.min.inf(p), max: b.max.sup(p) }))
+    }
+
+    /// The box around the points of each label, in one go over a labelled cloud. Label 0 is what belongs to no object, and has none.
+    pub fn of_labels(points: &[[f32; 3]], labels: &[u16]) -> BTreeMap<u16, Self> {
+        let mut boxes: BTreeMap<u16, Self> = BTreeMap::new();
+        for (point, label) in points.iter().zip(labels).filter(|(_, label)| **label > 0) {
+            let point = Point3::from(*point);
+            let known = boxes.entry(*label).or_insert(Self { min: point, max: point });
+            *known = Self { min: known.min.inf(&point), max: known.max.sup(&point) };
+        }
+        boxes
     }
 
     /// The middle of the box (not the centroid of what it was made from).
@@ -95,6 +108,15 @@ mod tests {
         let corners = aabb.oriented().corners();
         let back = Aabb::of(&corners.map(|c| c.cast::<f32>())).unwrap();
         assert!((back.min - aabb.min).norm() < 1e-6 && (back.max - aabb.max).norm() < 1e-6);
+    }
+
+    #[test]
+    fn each_label_of_a_cloud_has_the_box_around_its_own_points() {
+        let points = [[9.0, 9.0, 9.0], [1.0, 2.0, 3.0], [-1.0, 4.0, 3.5], [0.5, 0.5, 0.5]];
+        let boxes = Aabb::of_labels(&points, &[0, 7, 7, 2]);
+        let around = |ids: &[usize]| Aabb::of(&ids.iter().map(|i| Point3::from(points[*i])).collect::<Vec<_>>()).unwrap();
+        assert_eq!(boxes, BTreeMap::from([(2, around(&[3])), (7, around(&[1, 2]))]));
+        assert_eq!(boxes[&7].center(), Point3::new(0.0, 3.0, 3.25));
     }
 
     #[test]

@@ -396,7 +396,7 @@ impl Ongoing<'_> {
         };
         let attempt = Attempt::new(replies, &self.id, self.options.progress.as_ref());
         let ended = self.watch(attempt, assigned.name(), remaining).await;
-        guard.armed = matches!(ended, Ended::Cancelled | Ended::Left | Ended::Overdue);
+        guard.armed = matches!(ended, Ended::Left | Ended::Overdue);
         if matches!(ended, Ended::Left) {
             // Without anyone else the same worker is asked again under the same id, which a cancel would forbid.
             guard.armed = inner.directory.has_alternative(&self.wanted(), Some(assigned.name()));
@@ -438,9 +438,7 @@ impl Ongoing<'_> {
                     attempt.count_rest(inner.duplicates.clone());
                     return ended;
                 }
-                () = self.options.cancel.cancelled() => {
-                    return if self.options.idempotent { Ended::Cancelled } else { self.last_word(attempt, worker).await };
-                }
+                () = self.options.cancel.cancelled() => return self.cancelled(attempt, worker).await,
                 () = tokio::time::sleep_until(self.deadline) => return Ended::Overdue,
                 _ = look.tick(), if !last => {
                     let silent = inner.directory.is_suspect(worker) && inner.directory.has_alternative(&self.wanted(), Some(worker));
@@ -459,11 +457,16 @@ impl Ongoing<'_> {
         self.inner.directory.expected(worker).is_none_or(|expected| elapsed > expected * SLOW_FACTOR)
     }
 
-    /// A cancelled call that must not be repeated tells what came of it, if its worker says so soon.
-    async fn last_word(&self, mut attempt: Attempt<'_>, worker: &str) -> Ended {
-        self.inner.cancel_at(worker, &self.id).await;
-        let grace = Instant::now() + Duration::from_millis(self.inner.config.cancel_grace_ms);
-        match tokio::time::timeout_at(grace.min(self.deadline), attempt.next()).await {
+    /// Ends a call that its caller gave up. The cancel is on its way then: whoever gives calls up may close the session next. One that must not be
+    /// repeated tells what came of it, if its worker says so soon.
+    async fn cancelled(&self, mut attempt: Attempt<'_>, worker: &str) -> Ended {
+        let grace = self.deadline.min(Instant::now() + Duration::from_millis(self.inner.config.cancel_grace_ms));
+        // By a task, which goes on where a link takes nothing: that holds nobody up for longer.
+        drop(tokio::time::timeout_at(grace, tokio::spawn(self.inner.cancel_at(worker, &self.id))).await);
+        if self.options.idempotent {
+            return Ended::Cancelled;
+        }
+        match tokio::time::timeout_at(grace, attempt.next()).await {
             Ok(ended) => ended,
             Err(_) => Ended::Cancelled,
         }

@@ -158,6 +158,26 @@ async fn a_cancel_reaches_the_handler_and_ends_the_call() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_cancelled_call_has_told_its_worker_though_its_session_is_closed_next() {
+    // A cancel that nobody waits for is often fast enough, too: hence several rounds.
+    for round in 0..4 {
+        let network = Network::routed(RuntimeConfig::default()).await;
+        let handler = Arc::new(Oddities::default());
+        let _worker = network.worker(&handler).await;
+        let caller = network.caller(1).await;
+        let cancel = CancellationToken::new();
+        let options = CallOptions { cancel: cancel.clone(), ..CallOptions::within(Duration::from_secs(60)) };
+        let call = tokio::spawn(async move { caller.call("patient", word(""), options).await });
+        handler.wait_for(&handler.started, 1).await;
+        cancel.cancel();
+        assert_eq!(call.await.unwrap().unwrap_err().code, ErrorCode::Cancelled);
+        network.caller.close().await.unwrap();
+        let told = tokio::time::timeout(Duration::from_secs(10), handler.wait_for(&handler.cancelled, 1)).await;
+        assert!(told.is_ok(), "round {round}: its worker goes on");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_cancel_that_comes_first_still_counts() {
     let network = Network::embedded(RuntimeConfig::default()).await;
     let handler = Arc::new(Oddities::default());

@@ -1,0 +1,79 @@
+//! Goals of the hand's controller.
+
+use repose_proto::robot::{EmergencyStop, RobotMode, Task};
+use repose_ros_messages::{GripperCommandResult, status};
+
+use super::trial::Trial;
+use crate::robot::side::{Do, Told};
+
+#[test]
+fn the_hand_closes_and_holds_what_stalls_it() {
+    let mut trial = Trial::new(true);
+    trial.command(|command| {
+        command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 });
+        command.task = Some(Task { id: "t1".to_owned(), open: true, grasps: None });
+    });
+    trial.run(8);
+    assert_eq!(trial.done(), [Do::Grip(1, 0.01, 30.0)]);
+    assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled);
+    trial.fingers_m = 0.03;
+    let stalled = GripperCommandResult { position: 0.03, effort: 30.0, stalled: true, reached_goal: false };
+    trial.side.told(Told::Gripped(1, status::SUCCEEDED, stalled), trial.now_ms);
+    trial.run(8);
+    let state = trial.side.state(trial.now_ms, 0).expect("a state");
+    assert!(state.gripper_settled && state.gripper_holding && (state.gripper_width_m - 0.06).abs() < 1e-9);
+}
+
+#[test]
+fn a_stop_cancels_the_hand_until_its_goal_ends_unless_something_is_between_its_fingers() {
+    for stalls in [false, true] {
+        let mut trial = Trial::new(true);
+        trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
+        trial.run(8);
+        assert_eq!(trial.done(), [Do::Grip(1, 0.01, 30.0)]);
+        if stalls {
+            trial.side.told(Told::Stalled(1), trial.now_ms);
+        }
+        trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+        trial.run(400);
+        assert_eq!(trial.done(), vec![Do::CancelGrip(1); if stalls { 0 } else { 2 }]);
+        assert_eq!(trial.stop_kind().as_deref(), Some("estop"));
+        trial.side.told(Told::Gripped(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
+        trial.run(400);
+        assert_eq!((trial.done(), trial.stop_kind().as_deref()), (Vec::new(), Some("estop")));
+        assert!(trial.clears());
+    }
+}
+
+#[test]
+fn a_goal_of_the_hand_that_fails_latches_a_stop_and_one_that_something_stalls_does_not() {
+    let short = GripperCommandResult { position: 0.03, ..GripperCommandResult::default() };
+    let stalled = GripperCommandResult { stalled: true, ..short };
+    for (told, stop) in [
+        (Told::NotGripped(1, "it refused the goal".to_owned()), Some("gripper_failed")),
+        (Told::Gripped(1, status::ABORTED, short), Some("gripper_failed")),
+        (Told::Gripped(1, status::ABORTED, stalled), None),
+        // It was to grasp, and nothing was there.
+        (Told::Gripped(1, status::ABORTED, GripperCommandResult { position: 0.01, ..short }), None),
+        (Told::Gripped(1, status::SUCCEEDED, short), None),
+        (Told::NotGripped(7, "another goal".to_owned()), None),
+    ] {
+        let mut trial = Trial::new(true);
+        trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
+        trial.run(8);
+        trial.side.told(told.clone(), trial.now_ms);
+        assert_eq!(trial.stop_kind().as_deref(), stop, "{told:?}");
+    }
+}
+
+#[test]
+fn a_goal_of_the_hand_that_a_stop_has_canceled_is_no_failure_when_it_ends_late() {
+    let mut trial = Trial::new(true);
+    trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
+    trial.run(8);
+    trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+    trial.run(8);
+    assert!(trial.clears());
+    trial.side.told(Told::Gripped(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
+    assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Idle));
+}

@@ -1,0 +1,7 @@
+//! A robot of ROS with controllers that do as they are told, and with others.
+
+mod hand;
+mod start;
+mod stop;
+mod stream;
+mod trial;
