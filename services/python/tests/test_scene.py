@@ -1,5 +1,8 @@
 """Scenes from arrays of any kind."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -48,6 +51,16 @@ def test_a_scene_travels_as_bytes_with_its_id(scene):
 def test_a_scene_cannot_be_changed(scene):
     with pytest.raises(ValueError, match="read-only"):
         scene.points[0, 0] = 1.0
+    scene.meta["objects"].clear()
+    scene.meta["camera"]["world_from_camera"][3] += 1.0
+    assert [o["id"] for o in scene.meta["objects"]] == [o.id for o in scene.objects] == [1, 2, 3]
+    np.testing.assert_allclose(scene.world_from_camera.ravel(), scene.meta["camera"]["world_from_camera"])
+
+
+def test_a_scene_is_the_same_in_another_process_and_in_a_copy(scene):
+    for other in (pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene)):
+        assert (type(other), other.id, other.meta) == (repose.Scene, scene.id, scene.meta)
+        np.testing.assert_array_equal(other.points, scene.points)
 
 
 class ByProtocol:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any
@@ -56,7 +58,7 @@ class Surface:
 
 
 class Scene:
-    """A segmented point cloud in the world frame (z up), with objects and support surfaces. It cannot be changed.
+    """A segmented point cloud in the world frame (z up), with objects and support surfaces. It cannot be changed, and can be pickled.
 
     Without a calibrated camera pose the world is the gravity-aligned frame of the main support plane, its origin below the camera, the
     viewer looking along y. Make one with `Scene.from_rgbd` or `Scene.from_folder`, or get it from a running system.
@@ -123,6 +125,10 @@ class Scene:
         """Return the wire form, safetensors: ``points`` f32 [n, 3], ``labels`` u16 [n], ``colors`` u8 [n, 3]; metadata as JSON."""
         return self._native.to_bytes()
 
+    def __reduce__(self) -> tuple[Callable[[bytes], Scene], tuple[bytes]]:
+        # Another process makes it of its wire form, with the same id: the native scene is of this one.
+        return type(self).from_bytes, (self.to_bytes(),)
+
     @property
     def id(self) -> str:
         """The scene's id, the BLAKE3 hash of its content: 64 hexadecimal digits."""
@@ -140,8 +146,9 @@ class Scene:
 
     @property
     def meta(self) -> dict[str, Any]:
-        """Everything but the points, as it travels: objects, surfaces, camera, what is unseen."""
-        return self._meta
+        """Everything but the points, as it travels: objects, surfaces, camera, what is unseen. Each reader has a copy of its own."""
+        # Plans are made on the native scene: one dictionary for all would let one reader show another what no plan is made on.
+        return copy.deepcopy(self._meta)
 
     @property
     def objects(self) -> list[SceneObject]:
