@@ -167,10 +167,27 @@ def test_asyncio_waits_for_several_calls_at_once(system, client, scene, wish):
             async def watch():
                 return [state async for state in aclient.watch_robot()]
 
+            assert [scene async for scene in aclient.watch_scene("nobody", timeout_s=0.2)] == []
             watching = asyncio.ensure_future(watch())
             await asyncio.sleep(0.5)
         # Its client is closed: a watch ends with that.
         assert await asyncio.wait_for(watching, 10)
+
+    asyncio.run(main())
+
+
+def test_a_client_of_asyncio_that_is_closed_holds_nothing_else_up():
+    gone_on = threading.Event()
+
+    class Slow:
+        def close(self):
+            assert gone_on.wait(10), "the loop stood still"
+
+    async def main():
+        closing = asyncio.ensure_future(repose.AsyncClient(Slow(), "front", "panda").close())
+        await asyncio.sleep(0)
+        gone_on.set()
+        await closing
 
     asyncio.run(main())
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
+import time
 from collections.abc import AsyncGenerator, Generator, Sequence
 from os import PathLike
 from types import TracebackType
@@ -94,10 +96,6 @@ class _Connected:
             missed=missed,
         )
 
-    def close(self) -> None:
-        """End the session. Calls under way are cancelled; a robot that one of them moves comes to rest."""
-        self._core.connection.close()
-
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of cell {self.cell}>"
 
@@ -137,6 +135,10 @@ class Client(_Connected):
         finally:
             subscription.close()
 
+    def close(self) -> None:
+        """End the session. Calls under way are cancelled; a robot that one of them moves comes to rest."""
+        self._core.connection.close()
+
     def __enter__(self) -> Client:
         return self
 
@@ -161,33 +163,42 @@ class AsyncClient(_Connected):
     stop = awaiting(Cell.stop)
     reset = awaiting(Cell.reset)
 
-    async def watch_scene(self, camera: str | None = None) -> AsyncGenerator[dict[str, Any], None]:
-        """See `Client.watch_scene`; it ends with the client."""
-        async for content in self._watch("scene", self.camera if camera is None else camera):
+    async def watch_scene(self, camera: str | None = None, *, timeout_s: float | None = None) -> AsyncGenerator[dict[str, Any], None]:
+        """See `Client.watch_scene`; it ends with the client, too."""
+        async for content in self._watch("scene", self.camera if camera is None else camera, timeout_s):
             yield json.loads(content)
 
-    async def watch_robot(self, robot: str | None = None) -> AsyncGenerator[RobotState, None]:
-        """See `Client.watch_robot`; it ends with the client."""
-        async for content in self._watch("robot_state", self.robot if robot is None else robot):
+    async def watch_robot(self, robot: str | None = None, *, timeout_s: float | None = None) -> AsyncGenerator[RobotState, None]:
+        """See `Client.watch_robot`; it ends with the client, too."""
+        async for content in self._watch("robot_state", self.robot if robot is None else robot, timeout_s):
             yield RobotState._of(content)
 
-    async def _watch(self, kind: str, name: str) -> AsyncGenerator[bytes, None]:
+    async def _watch(self, kind: str, name: str, timeout_s: float | None) -> AsyncGenerator[bytes, None]:
         subscription = await asyncio.to_thread(self._core.connection.subscribe, kind, name, True)
+        within_s = math.inf if timeout_s is None else timeout_s
         try:
+            silent_since = time.monotonic()
             while True:
-                message = await asyncio.to_thread(subscription.recv, SLICE_S)
+                left_s = max(silent_since + within_s - time.monotonic(), 0.0)
+                message = await asyncio.to_thread(subscription.recv, min(left_s, SLICE_S))
                 if message is not None:
                     yield message[2]
-                elif subscription.ended:
+                    # What the reader took its time over is not the silence of who publishes.
+                    silent_since = time.monotonic()
+                elif subscription.ended or time.monotonic() - silent_since >= within_s:
                     return
         finally:
             subscription.close()
+
+    async def close(self) -> None:
+        """End the session, as `Client.close` does. The loop goes on meanwhile: calls under way may take a moment to be cancelled."""
+        await asyncio.to_thread(self._core.connection.close)
 
     async def __aenter__(self) -> AsyncClient:
         return self
 
     async def __aexit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        await asyncio.to_thread(self.close)
+        await self.close()
 
 
 def connect(
