@@ -166,10 +166,15 @@ def test_a_second_driver_of_a_robot_is_refused(system, client, running):
 
 
 def test_what_a_robot_cannot_be_is_refused_by_name(system):
+    class Wordy(Arm):
+        def read_joints(self):
+            return ["ready"] * 7
+
     with driver.connect(system.endpoint) as cell:
         for arm, kind, field in [
             (Arm("No Name"), repose.InvalidArgument, "name"),
             (Arm("short", READY_RAD[:6]), repose.InvalidArgument, "read_joints"),
+            (Wordy("wordy"), repose.InvalidArgument, "read_joints"),
             (Arm("outside", READY_RAD + 3), repose.FailedPrecondition, "joints_rad"),
         ]:
             with pytest.raises(kind) as raised:
@@ -254,6 +259,32 @@ def test_an_arm_that_moves_comes_to_rest_when_a_camera_beside_it_ends_the_run(sy
     running.join()
     homing.join()
     assert str(raised[0]) == "the cable is out"
+    assert [s.kind for s in arm.stops] == ["driver_ended"]
+    assert not arm.velocities_rad_s.any(), "it stands"
+    assert limits_kept(arm.sent)
+
+
+def test_an_arm_that_moves_comes_to_rest_at_the_end_of_its_block(system, client):
+    arm = Arm("block", READY_RAD + np.array([1.2, 0, 0, 0, 0, 0, 0]))
+
+    def home():
+        with suppress(repose.ReposeError):
+            client.robot_state("block")
+            client.recover("home", robot="block")
+
+    def step_until_it_moves():
+        with driver.connect(system.endpoint) as cell, cell.robot(arm) as joined:
+            homing.start()
+            give_up = time.monotonic() + 30
+            while not joined.step().velocities_rad_s.any():
+                assert time.monotonic() < give_up
+                time.sleep(driver.STEP_S)
+            raise OSError("the simulation has ended")
+
+    homing = threading.Thread(target=home)
+    with pytest.raises(OSError, match="simulation"):
+        step_until_it_moves()
+    homing.join()
     assert [s.kind for s in arm.stops] == ["driver_ended"]
     assert not arm.velocities_rad_s.any(), "it stands"
     assert limits_kept(arm.sent)

@@ -84,6 +84,9 @@ def test_where_nothing_fits_the_answer_says_what_was_rejected(scene):
         (repose.InvalidArgument, "budget.iterations", {"budget": {"iterations": 0}}),
         (repose.InvalidArgument, "move", {"move": None}),
         (repose.InvalidArgument, "move", {"move": "mug"}),
+        # Neither is rounded to the object beside it.
+        (repose.InvalidArgument, "move", {"move": 1.7}),
+        (repose.InvalidArgument, "goal[0].anchor", {"goal": [("left_of", 2.7)]}),
         (repose.NotFound, "query", {"move": 9}),
     ],
 )
@@ -183,6 +186,10 @@ def test_motion_without_a_calibrated_camera_is_refused(view, planned):
     with pytest.raises(repose.InvalidArgument) as raised:
         repose.plan_motion(floating, planned, [0.0] * 6)
     assert raised.value.field == "start_joints_rad"
+    for wordy in (["ready"] * 7, [None] * 7):
+        with pytest.raises(repose.InvalidArgument) as raised:
+            repose.plan_motion(floating, planned, wordy)
+        assert raised.value.field == "start_joints_rad"
 
 
 def test_pictures_show_the_scene_and_the_plan(scene, planned, view):

@@ -79,6 +79,14 @@ def image(value: Any, name: str, shape: tuple[int, ...], dtype: type[np.generic]
     return np.ascontiguousarray(array)
 
 
+def joint_positions(value: Any, name: str) -> list[float]:
+    """Seven joint positions, radians; whether they are finite and within the arm's limits is checked by who uses them."""
+    array = as_array(value, name)
+    if array.shape != (7,) or array.dtype.kind not in "fiu":
+        raise InvalidArgument(f"expected 7 joint positions, radians, got {array.dtype} {list(array.shape)}", name)
+    return [float(q) for q in array]
+
+
 def rigid_transform(value: Any, name: str) -> NDArray[np.float64]:
     """One rigid transform [4, 4]; whether it is rigid is checked by who uses it."""
     array = as_array(value, name)

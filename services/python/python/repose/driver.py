@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
-from ._arrays import as_array, rigid_transform
+from ._arrays import joint_positions, rigid_transform
 from .calls import connection_to
 from .errors import InvalidArgument, ReposeError
 from .frame import Frame
@@ -155,7 +155,14 @@ class Camera(ABC):
 
 
 class RobotDriver:
-    """A robot on its keys. Call `step` from your loop, or `run`; make one with `Cell.robot`."""
+    """A robot on its keys. Call `step` from your loop, or `run`; make one with `Cell.robot`.
+
+    As a context it leaves the keys at the end of the block, after an arm that moves has come to rest::
+
+        with cell.robot(MyRobot()) as robot:
+            while not done:
+                robot.step()
+    """
 
     def __init__(self, cell: Cell, robot: Robot, *, state_period_s: float = 0.01) -> None:
         """Join a robot to its keys; `Cell.robot` does."""
@@ -227,11 +234,22 @@ class RobotDriver:
         """Leave the keys. The set-points of a robot that moves end with this, at whatever speed it has: `end` comes first."""
         self._side.close()
 
+    def __enter__(self) -> RobotDriver:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            self.end()
+        except Exception as at_end:
+            # A device that fails in the block fails here again: it is the block's error that says why.
+            if error is None:
+                raise
+            _log.warning("%s was not brought to rest: %s", self.robot.name, at_end)
+        finally:
+            self.close()
+
     def _read(self) -> list[float]:
-        joints = as_array(self.robot.read_joints(), "read_joints")
-        if joints.shape != (7,):
-            raise InvalidArgument(f"expected 7 joint positions, radians, got shape {list(joints.shape)}", "read_joints")
-        return [float(q) for q in joints]
+        return joint_positions(self.robot.read_joints(), "read_joints")
 
 
 class CameraDriver:

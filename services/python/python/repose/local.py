@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _native
-from ._arrays import as_array, rigid_transforms
-from ._json import as_json
+from ._arrays import joint_positions, rigid_transforms
+from ._json import as_json, object_id
 from .errors import InvalidArgument, Unclear
 from .placements import RELATIONS, Goal, MotionPlan, Placement, Plan, Taken, goal_terms
 from .scene import Scene
@@ -37,14 +37,7 @@ def place_request(scene_id: str, move: int, goal: Goal | list[dict[str, Any]], o
     """Return a ``PlaceRequest`` as it travels: only what is given, so that defaults are the service's."""
     terms = goal if goal and isinstance(goal[0], dict) else goal_terms(goal)  # type: ignore[arg-type]
     given = {key: value for key, value in options.items() if value is not None}
-    return {"scene": {"scene_id": scene_id}, "query": _id(move, "move"), "goal": terms, **given}
-
-
-def _id(value: Any, field: str) -> int:
-    try:
-        return int(value)
-    except (TypeError, ValueError) as error:
-        raise InvalidArgument(f"expected an object id, got {value!r}", field) from error
+    return {"scene": {"scene_id": scene_id}, "query": object_id(move, "move"), "goal": terms, **given}
 
 
 def understand(scene: Scene, say: str, view_yaw_rad: float | None = None) -> tuple[int, list[str], list[Taken]]:
@@ -97,8 +90,8 @@ def plan(
         seed: The source of every random number: the same seed gives the same bytes.
         variant: ``best``, ``full``, ``full_lambda_1``, ``no_discriminator``, ``mean_only``, ``mdn_prior`` or ``geometric`` (no networks).
         rotation: Whether the object may be turned: ``fixed``, ``yaw``, or ``stable``, which may also set it on another side.
-        view_yaw_rad: The viewer's direction about world z, 0 looks along y, radians; the camera's where it is not given (as its picture shows
-            left and right where it looks steeply down).
+        view_yaw_rad: The viewer's direction about world z, 0 looks along y, radians; the camera's where it is not given (as its picture
+            shows left and right where it looks steeply down).
         min_separation_m: How far apart the centroids of two placements must be, metres.
         min_clearance_m: Least distance from everything but the support, metres.
         region: Boxes to stay inside or out of: ``{"min_m": [x, y, z], "max_m": [x, y, z], "inside": True}``, world frame, metres.
@@ -205,9 +198,9 @@ def score(
         models: The models to use.
 
     """
-    others = [o.id for o in scene.objects if o.id != move] if anchors is None else [_id(a, "anchors") for a in anchors]
+    others = [o.id for o in scene.objects if o.id != move] if anchors is None else [object_id(a, "anchors") for a in anchors]
     matrices = rigid_transforms(transforms, "transforms")
-    realism, related = _native.score(scene._native, _id(move, "move"), others, matrices.tobytes(), realism_by, _of(models))
+    realism, related = _native.score(scene._native, object_id(move, "move"), others, matrices.tobytes(), realism_by, _of(models))
     of_relations = np.frombuffer(related, np.float32).reshape(len(matrices), len(others), len(RELATIONS))
     return Scores(np.frombuffer(realism, np.float32).copy(), of_relations.copy())
 
@@ -226,15 +219,12 @@ def motion_request(
         matrices = rigid_transforms(placements, "placements") if len(placements) else np.empty((0, 4, 4))
     if move is None:
         raise InvalidArgument("which object is moved is known of a Plan only: say it", "move")
-    joints = as_array(start_joints_rad, "start_joints_rad")
-    if joints.shape != (7,):
-        raise InvalidArgument(f"expected 7 joint angles, got shape {list(joints.shape)}", "start_joints_rad")
     request: dict[str, Any] = {
         "scene": {"scene_id": scene_id},
         "robot": robot,
-        "query": _id(move, "move"),
+        "query": object_id(move, "move"),
         "placements": [m.ravel().tolist() for m in matrices],
-        "start_joints_rad": [float(q) for q in joints],
+        "start_joints_rad": joint_positions(start_joints_rad, "start_joints_rad"),
         "seed": seed,
     }
     if grasps is not None:
@@ -292,7 +282,7 @@ def picture(
     if placement is not None:
         if move is None:
             raise InvalidArgument("say which object the placement moves", "move")
-        moved = (_id(move, "move"), placement.placed_from_observed.ravel().tolist())
+        moved = (object_id(move, "move"), placement.placed_from_observed.ravel().tolist())
     return _image(_native.picture(scene._native, by_object, placement is None, moved))
 
 

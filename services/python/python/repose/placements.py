@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from ._json import object_id
 from .errors import InvalidArgument
 
 __all__ = ["RELATIONS", "Goal", "GoalTerm", "MotionPlan", "Phase", "Placement", "Plan", "Taken"]
@@ -40,10 +41,7 @@ def _term(term: GoalTerm, field: str) -> dict[str, Any]:
     relation, anchor = parts
     if relation not in RELATIONS:
         raise InvalidArgument(f"unknown relation {relation!r}; the relations are {', '.join(RELATIONS)}", field)
-    try:
-        return {"relation": relation, "anchor": int(anchor), "holds": holds}
-    except (TypeError, ValueError) as error:
-        raise InvalidArgument(f"expected an object id, got {anchor!r}", f"{field}.anchor") from error
+    return {"relation": relation, "anchor": object_id(anchor, f"{field}.anchor"), "holds": holds}
 
 
 @dataclass(frozen=True)
