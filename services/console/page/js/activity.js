@@ -16,13 +16,17 @@ export function recovered(move, { outcome, reason, checked_against: scene, camer
   return { said: `${move === "home" ? "The arm is home" : "The hand has backed off"}; its way was checked against ${scene ? `the scene of camera ${camera}` : "itself and the keep-out zones only, not against its surroundings"}.` };
 }
 
+const gripperWords = ({ gripper_width_m: width, gripper_holding: isHolding, held }) => `gripper ${(1000 * width).toFixed(0)} mm${isHolding ? `, holding${held ? ` object ${held.object}` : ""}` : ""}`;
+
 export class Motion {
-  #robot; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0;
+  #robot; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0; #way = [];
 
   /** `execute()`, `reset(robot, stop)`, `recover(robot, move, unchecked)`, which resolves to how it ended, and `preview(t_ms)` are what its parts ask for. */
   constructor(box, actions) {
     this.box = box;
     this.actions = actions;
+    this.parts = [el("div"), el("div"), el("div")];
+    box.append(...this.parts);
     this.render();
   }
 
@@ -34,11 +38,14 @@ export class Motion {
     this.#robot = shown;
     this.aged();
     const { state } = shown ?? {};
-    const drawn = state && JSON.stringify([shown.robot, state.mode, state.stop, Math.round(state.gripper_width_m * 1000), state.gripper_holding, state.owner?.id]);
+    // The gripper is not of these: its width flickers, and what somebody is about to click would be drawn anew under the pointer.
+    const drawn = state && JSON.stringify([shown.robot, state.mode, state.stop, state.owner?.id]);
     if (drawn !== this.#drawn) {
       this.#drawn = drawn;
       this.render();
     }
+    const gripper = this.box.querySelector("#gripper"), text = state && gripperWords(state);
+    if (gripper && gripper.textContent !== text) gripper.textContent = text;
   }
 
   /** Looks whether the robot still tells its state. */
@@ -69,17 +76,23 @@ export class Motion {
   get isStopped() { return !!this.#robot?.state.stop; }
 
   render() {
-    const { robot, state } = this.#robot ?? {};
-    fill(this.box,
+    const { robot, state } = this.#robot ?? {}, [before, preview, after] = this.parts;
+    fill(before,
       el("div", { className: "title" }, el("h2", { id: "motion-title", textContent: robot ? sentence(robot) : "Robot" }),
         state && el("span", { className: `badge ${this.#isSilent || state.mode === "stopped" ? "bad" : state.mode === "moving" ? "live" : ""}`, id: "mode",
           textContent: this.#isSilent ? `silent, was ${state.mode}` : state.mode }),
         el("span", { className: "grow" }),
-        state && el("span", { className: "muted small numbers", id: "gripper", textContent: `gripper ${(1000 * state.gripper_width_m).toFixed(0)} mm${state.gripper_holding ? `, holding${state.held ? ` object ${state.held.object}` : ""}` : ""}` })),
+        state && el("span", { className: "muted small numbers", id: "gripper", textContent: gripperWords(state) })),
       !state && el("p", { className: "hint", textContent: "No robot tells its state." }),
       state?.stop && this.#stopped(robot, state.stop),
-      this.#execution && this.#phases(this.#execution),
-      this.#plan && !this.#isMoving && this.#preview(this.#plan),
+      this.#execution && this.#phases(this.#execution));
+    // A slider that is drawn anew is let go of: it is, where another plan is shown or another may carry it out.
+    const way = [this.#isMoving ? undefined : this.#plan, this.#mine, this.#may, this.isStopped];
+    if (way.some((part, k) => part !== this.#way[k])) {
+      this.#way = way;
+      fill(preview, this.#plan && !this.#isMoving && this.#preview(this.#plan));
+    }
+    fill(after,
       state?.mode === "idle" && !this.#isMoving && this.#may && this.#recovery(robot),
       this.#fault && faultBox(this.#fault));
   }
