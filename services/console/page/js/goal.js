@@ -34,11 +34,17 @@ export class Goal {
   }
 
   clear() {
+    this.forget();
+    this.actions.changed();
+  }
+
+  /** Clears the goal, and nothing that was found for it. */
+  forget() {
     this.query = 0;
     this.terms = [newTerm()];
     this.active = 0;
     this.#fault = undefined;
-    this.#changed();
+    this.render();
   }
 
   /** Forgets objects that a scene does not have. */
@@ -113,7 +119,7 @@ export class Goal {
           : el("button", { type: "button", className: "primary", textContent: "Find places", title: "Ask the planner (Enter)", data: { key: "ask" },
               id: "ask", disabled: !complete || !this.#may, onclick: () => this.actions.ask() }),
         el("button", { type: "button", textContent: "Add to sequence", id: "collect", disabled: !complete || !this.#may, onclick: () => this.actions.collect() }),
-        el("span", { className: "hint small", id: "progress", textContent: this.#isAsking ? "searching …" : complete ? "" : this.#hint() })),
+        el("span", { className: "hint small", id: "progress", role: "status", textContent: this.#isAsking ? "searching …" : complete ? "" : this.#hint() })),
       this.#fault && faultBox(this.#fault));
   }
 
@@ -155,7 +161,7 @@ export class Goal {
   }
 
   #more() {
-    const options = this.options, set = (name, read = (v) => v) => ({ target }) => { options[name] = read(target.value); this.#fault = undefined; this.render(); };
+    const options = this.options, set = (name, read = (v) => v) => ({ target }) => { options[name] = read(target.value); this.#changed(); };
     const select = (name, values, label) => el("select", { id: `option-${name}`, data: { key: `option-${name}` }, onchange: set(name), "aria-label": label },
       Object.entries(values).map(([value, text]) => el("option", { value, textContent: text, selected: value === options[name] })));
     const number = (name, fields, extra) => el("input", { type: "number", id: `option-${name}`, data: { key: `option-${name}` }, className: this.#wrong(fields).trim(), value: options[name],

@@ -46,6 +46,7 @@ export class Placements {
     this.#lit = rank;
     this.box.querySelectorAll(".placement").forEach((row, k) => {
       row.classList.toggle("lit", k === rank);
+      row.setAttribute("aria-selected", String(k === rank));
       if (k === rank) row.scrollIntoView({ block: "nearest" });
     });
   }
@@ -64,19 +65,34 @@ export class Placements {
       this.#fault && faultBox(this.#fault));
   }
 
+  get #rows() { return [...this.box.querySelectorAll(".placement")]; }
+
+  /** Makes one row the one that Tab goes to: the arrows go from there to the others. */
+  #reach(rank) { this.#rows.forEach((row, k) => { row.tabIndex = k === rank ? 0 : -1; }); }
+
+  /** Goes from a row to another by the keys of lists. */
+  #step(event, rank) {
+    const rows = this.#rows, to = { ArrowDown: rank + 1, ArrowUp: rank - 1, Home: 0, End: rows.length - 1 }[event.key];
+    if (to === undefined) return;
+    // Not even at the ends of the list do these keys scroll the page.
+    event.preventDefault();
+    rows[to]?.focus();
+  }
+
   #list(placed) {
     const notChosen = new Map((this.#plan?.not_chosen ?? []).map(({ placement, reason, detail }) => [placement, { reason, detail }]));
     const row = (placement, rank) => {
       const passed = notChosen.get(rank), isChosen = this.#plan?.placement === rank;
-      return el("li", { className: `placement${rank === this.#lit ? " lit" : ""}`, tabIndex: 0, data: { key: `placement-${rank}` },
-        onpointerenter: () => this.actions.lit(rank), onpointerleave: () => this.actions.lit(-1), onfocus: () => this.actions.lit(rank), onblur: () => this.actions.lit(-1) },
+      return el("li", { className: `placement${rank === this.#lit ? " lit" : ""}`, role: "option", "aria-selected": String(rank === this.#lit), tabIndex: rank ? -1 : 0,
+        data: { key: `placement-${rank}` }, onpointerenter: () => this.actions.lit(rank), onpointerleave: () => this.actions.lit(-1),
+        onfocus: () => { this.#reach(rank); this.actions.lit(rank); }, onblur: () => this.actions.lit(-1), onkeydown: (event) => this.#step(event, rank) },
         el("span", { className: "rank", textContent: rank + 1 }),
         el("div", { className: "main" }, el("span", { textContent: likely(placement) }), isChosen && el("span", { className: "badge live", textContent: "chosen" })),
         el("div", {}, evidence(placement, placed.goal),
           passed && el("p", { className: "small fails", textContent: `Not this one: ${MOTION_FAILURES[passed.reason] ?? passed.reason}`, title: passed.detail })));
     };
     return [
-      el("ol", { className: "placements" }, placed.placements.map(row)),
+      el("ol", { className: "placements", role: "listbox", "aria-label": "Places, best first" }, placed.placements.map(row)),
       this.#plan?.ignored && el("p", { className: "hint small", style: "margin-top: 8px", textContent: `${sentence(this.#plan.ignored)}.` }),
       SHORTFALLS[placed.shortfall?.reason] && el("p", { className: "hint small", style: "margin-top: 8px", textContent: SHORTFALLS[placed.shortfall.reason] }),
       el("div", { className: "row", style: "margin-top: 10px" },
