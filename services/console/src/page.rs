@@ -39,7 +39,7 @@ macro_rules! files {
 pub const INDEX: &str = include_str!("../page/index.html");
 
 /// Everything that the page loads.
-pub static FILES: [File; 24] = files! {
+pub static FILES: [File; 25] = files! {
     "css/page.css": "text/css; charset=utf-8",
     "icon.svg": "image/svg+xml",
     "js/activity.js": "text/javascript; charset=utf-8",
@@ -50,6 +50,7 @@ pub static FILES: [File; 24] = files! {
     "js/connection.js": "text/javascript; charset=utf-8",
     "js/element.js": "text/javascript; charset=utf-8",
     "js/goal.js": "text/javascript; charset=utf-8",
+    "js/keys.js": "text/javascript; charset=utf-8",
     "js/main.js": "text/javascript; charset=utf-8",
     "js/notice.js": "text/javascript; charset=utf-8",
     "js/picture.js": "text/javascript; charset=utf-8",

@@ -7,6 +7,7 @@ import { sceneOf } from "./bulk.js";
 import { Connection } from "./connection.js";
 import { byId, choices, el, fill } from "./element.js";
 import { Goal } from "./goal.js";
+import { followKeys } from "./keys.js";
 import { notice } from "./notice.js";
 import { Picture, labelsOf } from "./picture.js";
 import { Placements, evidence } from "./placements.js";
@@ -474,22 +475,13 @@ fill(byId("layers"), Object.entries(LAYERS).map(([name, text]) => el("button", {
   if (name === "placements") world.toggle("rejected", on);
 } })), el("button", { type: "button", textContent: "Reset view", onclick: () => world.look() }));
 
-addEventListener("keydown", (event) => {
-  // A key that is kept down is pressed once.
-  if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || byId("sign-in").open) return;
-  // With capitals locked, too; and with Shift a digit is a sign, by its place on the keyboard still a digit.
-  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  const digit = Number(/^[1-9]$/.test(key) ? key : /^Digit([1-9])$/.exec(event.code)?.[1]);
-  if (key === "s" && !event.target.matches("input")) return stop();
-  // Giving a goal up works everywhere; other letters belong to the field that is being filled.
-  if (byId("system").open || event.key !== "Escape" && event.target.matches("input, select, textarea")) return;
-  const onButton = event.target.matches("button, summary, .placement");
-  const keys = {
-    Enter: () => !onButton && find(), p: planMotion, e: () => byId("execute")?.click(), r: () => byId("reset")?.click(), n: () => goal.negate(), a: () => goal.addTerm(),
+followKeys({
+  stop,
+  pick: (id, how) => scene?.objects.has(id) && goal.pick(id, how),
+  keys: {
+    Enter: find, p: planMotion, e: () => byId("execute")?.click(), r: () => byId("reset")?.click(), n: () => goal.negate(), a: () => goal.addTerm(),
     Escape: () => { goal.clear(); release(); },
-  };
-  if (scene?.objects.has(digit)) goal.pick(digit, { shift: event.shiftKey });
-  else keys[key]?.();
+  },
 });
 
 followTheme(() => picture.mark(goal.marks));
