@@ -6,6 +6,8 @@ const FIRST_PAUSE_MS = 200;
 const LONGEST_PAUSE_MS = 2000;
 /** The console closes with this code when it wants a token. */
 const NEEDS_TOKEN = 4401;
+/** … and with this one where as many pages are open as it serves. */
+const FULL = 4503;
 /** How often it is looked whether anything was heard, and after how many looks without a word the console is asked for one, and given up. Looks are
  *  counted, not time: a page that was held up has not listened. */
 const LOOK_MS = 2000;
@@ -27,8 +29,10 @@ export class Connection {
   #pauseMs = FIRST_PAUSE_MS;
   #retry;
   #silentLooks = 0;
+  #state;
 
-  /** `heard(kind, message)` gets every message but answers; `changed(state)` gets "live", "lost" or "token". */
+  /** `heard(kind, message)` gets every message but answers; `changed(state, reason)` gets "live", "lost", "full" or "token", each once until it is another,
+   *  but for the last, which asks again. */
   constructor(heard, changed) {
     this.heard = heard;
     this.changed = changed;
@@ -77,18 +81,25 @@ export class Connection {
       }
       this.#take(JSON.parse(data));
     };
-    socket.onclose = ({ code }) => this.#lost(socket, code);
+    socket.onclose = ({ code, reason }) => this.#lost(socket, code, reason);
   }
 
-  #lost(socket, code) {
+  #lost(socket, code, reason) {
     if (socket !== this.#socket || socket.isOver) return;
     socket.isOver = true;
     socket.close();
     this.#refuseAll();
-    if (code === NEEDS_TOKEN) return this.changed("token");
-    this.changed("lost");
+    if (code === NEEDS_TOKEN) return this.#become("token");
+    this.#become(code === FULL ? "full" : "lost", reason);
     this.#retry = setTimeout(() => this.#connect(), this.#pauseMs);
     this.#pauseMs = Math.min(2 * this.#pauseMs, LONGEST_PAUSE_MS);
+  }
+
+  /** Tells of a state once: what is tried again every two seconds would be read out, and take the place of other notices, as often. */
+  #become(state, reason) {
+    if (state === this.#state && state !== "token") return;
+    this.#state = state;
+    this.changed(state, reason);
   }
 
   #refuseAll() {
@@ -109,7 +120,7 @@ export class Connection {
       case "progress":
         return asked?.progress?.(message.progress);
       case "welcome":
-        this.changed("live");
+        this.#become("live");
     }
     this.heard(message.kind, message);
   }

@@ -36,11 +36,12 @@ const robots = new Map();
 
 // The console. First, so that it answers while the parts are made.
 
-const connection = new Connection(heard, (state) => {
+const connection = new Connection(heard, (state, reason) => {
   byId("link").className = `link ${state}`;
-  byId("link").lastElementChild.textContent = { live: "Live", lost: "Connection lost", token: "Signed out" }[state];
+  byId("link").lastElementChild.textContent = { live: "Live", lost: "Connection lost", full: "Full", token: "Signed out" }[state];
   document.body.classList.toggle("stale", state !== "live");
   if (state === "lost") notice({ message: "The connection to the console is lost. Trying again; what is shown may be out of date." }, "bad");
+  if (state === "full") notice({ message: `Not connected: ${reason || "as many pages are open as this console serves"}. Trying again; what is shown may be out of date.` }, "bad");
   if (state === "token") askForToken((token) => connection.signIn(token));
 });
 

@@ -7,8 +7,8 @@ use std::time::Duration;
 use axum::body::Bytes;
 use axum::extract::State as Shared;
 use axum::extract::ws::{CloseFrame, Message as Frame, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
-use axum::http::{HeaderMap, StatusCode};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use futures::stream::SplitSink;
 use futures::{SinkExt, StreamExt};
 use repose_runtime::Shutdown;
@@ -28,16 +28,19 @@ const PING_EVERY: Duration = Duration::from_secs(5);
 const GONE_AFTER: Duration = Duration::from_secs(20);
 /// The close code of a viewer without a good token; 4000 to 4999 are free for applications.
 const UNKNOWN: u16 = 4401;
+/// The close code of a viewer for whom there is no room.
+const FULL: u16 = 4503;
 
 /// Makes a viewer of an HTTP request.
 pub async fn upgraded(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, upgrade: WebSocketUpgrade, shutdown: Shutdown) -> Response {
     let upgrade = upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE);
-    // Browsers hide the status of a refused upgrade from the page: it is told by a close code.
+    // Browsers hide the status of a refused upgrade from the page: why it is let go is told by a close code.
     let Some(role) = state.role(&headers) else {
-        return upgrade.on_upgrade(|socket| closed(socket, UNKNOWN, "this console asks for a token"));
+        return upgrade.on_upgrade(|socket| closed(socket, UNKNOWN, Utf8Bytes::from_static("this console asks for a token")));
     };
     let Some(place) = Place::take(&state) else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "too many pages are open\n").into_response();
+        let reason = format!("this console serves {} pages at once, and as many are open", state.config.max_viewers);
+        return upgrade.on_upgrade(|socket| closed(socket, FULL, Utf8Bytes::from(reason)));
     };
     upgrade.on_upgrade(move |socket| async move {
         serve(socket, state, role, shutdown).await;
@@ -62,9 +65,9 @@ impl Drop for Place {
     }
 }
 
-async fn closed(mut socket: WebSocket, code: u16, reason: &'static str) {
+async fn closed(mut socket: WebSocket, code: u16, reason: Utf8Bytes) {
     // Whoever is gone already need not be told.
-    drop(socket.send(Frame::Close(Some(CloseFrame { code, reason: Utf8Bytes::from_static(reason) }))).await);
+    drop(socket.send(Frame::Close(Some(CloseFrame { code, reason }))).await);
 }
 
 async fn serve(socket: WebSocket, state: Arc<AppState>, role: Role, shutdown: Shutdown) {

@@ -23,7 +23,8 @@ const SHOWN_WITHIN: Duration = Duration::from_secs(5);
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StopRequest {
-    cell: String,
+    /// The console's own where none is named: a page that has never been let in knows of none.
+    cell: Option<String>,
     robot: String,
     reason: Option<String>,
 }
@@ -36,7 +37,7 @@ pub async fn stop(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, body
     let stopped = async {
         let stop: StopRequest = repose_proto::message::from_json(body.as_bytes())?;
         keys::validate_chunk("robot", &stop.robot)?;
-        let session = state.session.in_cell(&stop.cell)?;
+        let session = state.session.in_cell(stop.cell.as_deref().unwrap_or(state.session.cell().name()))?;
         let reason = stop.reason.as_deref().unwrap_or("stopped from the console");
         emergency_stop_within(&session, &stop.robot, SOURCE, reason, SHOWN_WITHIN).await
     };
