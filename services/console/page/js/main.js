@@ -32,6 +32,10 @@ let asked, planning;
 let toldOf, watches = 0;
 /** How often an answer was cleared: one that comes after that is of a goal of before. */
 let cleared = 0;
+/** Whether the places that are shown are those of a motion that this page has begun: they go with its end. */
+let isCarriedOut = false;
+/** Since when a camera is looked for. */
+let watchedAt;
 const robots = new Map();
 
 // The console. First, so that it answers while the parts are made.
@@ -280,6 +284,7 @@ function giveUp() {
 
 function clearAnswer() {
   cleared++;
+  isCarriedOut = false;
   giveUp();
   placements.clear();
   world.showPlacements(0, []);
@@ -357,28 +362,25 @@ function execute() {
   const plan = myPlan;
   myPlan = undefined;
   motion.fault();
-  connection.ask("execute", { plan }).catch((refusal) => motion.fault(refusal));
+  // Only the page that asked has this answer: whoever else looks keeps goal and places.
+  connection.ask("execute", { plan }).catch((refusal) => motion.fault(refusal)).finally(() => isCarriedOut && clearAnswer());
   follow();
 }
 
-/** The picture is live while the robot moves; the ghosts stay to compare with. */
+/** The picture is live while the robot moves; the ghosts stay to compare with. The goal does not: its ids are those of the picture that is let go of. */
 function follow() {
-  isHeld = false;
+  [isHeld, isCarriedOut] = [false, true];
+  goal.forget();
+  picture.mark(goal.marks);
+  world.mark(goal.marks);
   if (newest) adopt(newest);
   drawSeen();
 }
 
 function heardOfActivity({ execution, sequence: several, arrangement: arranged }) {
-  const wasMoving = motion.isMoving;
   motion.execution(execution);
   sequence.running(several);
   arrangement.running(arranged);
-  const isDone = execution?.ended?.outcome?.outcome === "done";
-  // A goal whose picture was let go of for the motion has ids that mean nothing in those that came since.
-  if (wasMoving && !motion.isMoving && (isDone || !isHeld)) {
-    goal.clear();
-    clearAnswer();
-  }
 }
 
 function robotShown(shown) {
