@@ -127,6 +127,7 @@ function welcomed(welcome) {
 async function watch() {
   hasWatched = true;
   toldOf = undefined;
+  watchedAt = performance.now();
   const turn = ++watches;
   try {
     await connection.ask("watch", { cell, camera: camera ?? null });
@@ -149,6 +150,9 @@ function systemShown(message) {
   if (!hasWatched && names.length) watch();
   choices(byId("camera"), names, camera ?? newest?.camera);
   choices(byId("robot"), message.robots, robot);
+  // The name may be one of another day: where others are there, and nothing came of it, it is waited for in vain.
+  const isGone = camera !== undefined && names.length > 0 && !names.includes(camera) && !newest && pictureShown.at === undefined && isStale(watchedAt);
+  picture.waitFor(isGone ? camera : undefined, names, lookThrough);
 }
 
 async function pictureShown({ tensors }) {
@@ -427,6 +431,16 @@ function runSequence(goals) {
   connection.ask("sequence", { scene_id: goals[0].scene.scene_id, robot, goals }).then(() => { goal.clear(); release(); }, (refusal) => sequence.fault(refusal));
 }
 
+function lookThrough(name) {
+  camera = name;
+  stored.set("camera", camera);
+  newest = undefined;
+  goal.clear();
+  release();
+  forgetPictures();
+  watch();
+}
+
 // The bar, the keys and the looks.
 
 byId("stop").addEventListener("click", stop);
@@ -454,15 +468,7 @@ byId("cell").addEventListener("change", ({ target }) => {
   choices(byId("robot"), []);
   watch();
 });
-byId("camera").addEventListener("change", ({ target }) => {
-  camera = target.value;
-  stored.set("camera", camera);
-  newest = undefined;
-  goal.clear();
-  release();
-  forgetPictures();
-  watch();
-});
+byId("camera").addEventListener("change", ({ target }) => lookThrough(target.value));
 byId("robot").addEventListener("change", ({ target }) => {
   robot = target.value;
   // What is carried out next is of this one.

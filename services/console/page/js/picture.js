@@ -1,6 +1,6 @@
 // The camera's picture with its objects outlined; a click means the object that the pixel shows.
 
-import { el } from "./element.js";
+import { el, fill } from "./element.js";
 import { centimetres, colorOf } from "./words.js";
 
 /** The label of each pixel from runs of [label, length]. */
@@ -49,14 +49,15 @@ function nearestOf(labels, width, label, u, v) {
 }
 
 export class Picture {
-  #scene; #bitmap; #hovered = 0; #marks = { query: 0, anchors: [], active: 0 };
+  #scene; #bitmap; #hovered = 0; #said; #marks = { query: 0, anchors: [], active: 0 };
 
   /** `picked(id, event)` gets the clicked object, or 0 and the pixel; `hovered(id, text)` what the pointer is over. */
   constructor(box, { picked, hovered }) {
     this.box = box;
     this.base = el("canvas", { role: "img", "aria-label": "The camera's picture" });
     this.over = el("canvas", { className: "over", "aria-hidden": "true" });
-    this.empty = el("div", { className: "empty", textContent: "Waiting for the camera" });
+    this.empty = el("div", { className: "empty", role: "status" });
+    this.waitFor();
     box.append(this.base, this.over, this.empty);
     this.over.addEventListener("pointermove", (event) => {
       const id = this.#idAt(event);
@@ -99,6 +100,17 @@ export class Picture {
     this.base.getContext("2d").clearRect(0, 0, this.base.width, this.base.height);
     this.empty.hidden = false;
     this.#draw();
+  }
+
+  /** Says what is waited for: a picture, or that another camera is chosen in the place of one that is gone. */
+  waitFor(gone, others = [], choose) {
+    const said = gone === undefined ? "" : JSON.stringify([gone, others]);
+    // Told every second; buttons that were drawn anew as often could not be clicked.
+    if (said === this.#said) return;
+    this.#said = said;
+    fill(this.empty, gone === undefined ? "Waiting for the camera" : [
+      el("p", { textContent: `There is no camera “${gone}” in this cell.` }),
+      el("div", { className: "row" }, others.map((name) => el("button", { type: "button", textContent: `Look through ${name}`, data: { camera: name }, onclick: () => choose(name) })))]);
   }
 
   /** Takes the objects of a scene. */

@@ -95,6 +95,27 @@ test("two clicks and a question give ranked places, drawn as ghosts with their e
   await screenshot(page, "2-places");
 });
 
+test("places are gone through by keys, and rounds are told as they pass", async () => {
+  const rows = page.getByRole("listbox", { name: /best first/ }).getByRole("option"), last = (await rows.count()) - 1;
+  assert.ok(last >= 0);
+  await rows.first().focus();
+  await page.keyboard.press("End");
+  assert.equal(await page.evaluate(() => document.activeElement.dataset.key), `placement-${last}`);
+  assert.deepEqual([await rows.nth(last).getAttribute("aria-selected"), await rows.nth(last).getAttribute("tabindex")], ["true", "0"]);
+  await page.keyboard.press("Home");
+  assert.equal(await page.evaluate(() => document.activeElement.dataset.key), "placement-0");
+  assert.equal(await page.locator("#progress").getAttribute("role"), "status");
+});
+
+test("an answer goes with the options that it was asked for with", async () => {
+  await page.click("#goal summary");
+  await page.selectOption("#option-rotation", "yaw");
+  assert.equal(await page.locator("#answers .placement").count(), 0);
+  assert.ok(await page.locator("#ask").isEnabled(), "the goal stays");
+  await page.selectOption("#option-rotation", "fixed");
+  await page.click("#goal summary");
+});
+
 test("a goal that cannot be met is explained", async () => {
   const [query, anchor] = await objects(page);
   await page.keyboard.press("Escape");
@@ -144,6 +165,20 @@ test("the keyboard is enough", async () => {
   await page.keyboard.press("Enter");
   await page.waitForSelector("#answers .placement, #answers .tally, #goal .fault", { timeout: PATIENCE_MS });
   assert.equal(await page.locator("#goal .fault").count(), 0, await page.locator("#goal").textContent());
+});
+
+test("a planned motion's slider outlives a gripper whose width flickers", async () => {
+  const seen = await page.evaluate(async () => {
+    const { Motion } = await import("/js/activity.js");
+    const box = document.createElement("section"), motion = new Motion(box, { preview: () => {} });
+    const told = (width) => motion.robot({ robot: "panda", heardAt: performance.now(), state: { mode: "idle", gripper_width_m: width } });
+    told(0.0404);
+    motion.plan({ duration_ms: 2000, phases: [{ name: "standoff", start_ms: 0 }] });
+    const slider = box.querySelector("input[type=range]");
+    told(0.0406);
+    return [box.querySelector("input[type=range]") === slider, box.querySelector("#gripper").textContent];
+  });
+  assert.deepEqual(seen, [true, "gripper 41 mm"]);
 });
 
 test("the planned way is drawn before anything moves, to other viewers too", async () => {
@@ -204,14 +239,25 @@ test("stop stops, says why to everybody, and reset lets the robot go on", async 
 });
 
 test("the motion is carried out to its end", async () => {
+  const other = await open(browser, system.url), goalOf = (viewer) => viewer.locator("#goal .chip.query, #goal .chip.anchor").count();
+  const [query, anchor] = await objects(other);
+  await clickObject(other, query);
+  await clickObject(other, anchor);
   await page.keyboard.press("Escape");
   await planUntilFound(page);
   await page.click("#execute");
+  // The picture is live again, in which ids may mean other objects; the places stay to compare with.
+  assert.equal(await goalOf(page), 0);
   await textOf(page, "#phase", /Moving object/);
+  assert.ok(await page.locator("#answers .placement").count());
   await page.waitForFunction(() => /lift|transfer|lower/.test(document.querySelector("#phase")?.textContent ?? ""), undefined, { timeout: PATIENCE_MS });
   await screenshot(page, "7-moving");
   await textOf(page, "#phase", /^Done|lost|Ended|Stopped/);
   assert.match(await page.locator("#phase").textContent(), /^Done/);
+  await page.waitForFunction(() => !document.querySelector("#answers .placement"));
+  await textOf(other, "#phase", /^Done/);
+  assert.equal(await goalOf(other), 2, "another's motion leaves a viewer its goal");
+  await other.context().close();
   // A look at the cell says what has become of everything.
   await page.waitForSelector("#execution .said", { timeout: PATIENCE_MS });
   assert.match(await page.locator("#execution .said").last().textContent(), /moved|fell|mm from|gone|not seen/);
@@ -347,6 +393,34 @@ test("a connection that says nothing any more is given up though nobody has clos
   isDeaf = true;
   await textOf(behind, "#link", /lost/);
   await textOf(behind, "#link", /Live/);
+  await context.close();
+});
+
+test("a console that has no room says so, and is tried again", async () => {
+  const context = await browser.newContext(), late = await context.newPage();
+  let isFull = true;
+  await late.routeWebSocket("**/socket", (socket) => {
+    if (isFull) socket.close({ code: 4503, reason: "this console serves 32 pages at once" });
+    else socket.connectToServer();
+  });
+  await late.goto(system.url);
+  await textOf(late, "#link", /Full/);
+  await textOf(late, "#notice", /serves 32 pages at once/);
+  isFull = false;
+  await textOf(late, "#link", /Live/);
+  assert.ok(await late.locator("#notice").isHidden());
+  await context.close();
+});
+
+test("a camera of another day is said to be gone, and those that are there are offered", async () => {
+  const context = await browser.newContext(), late = await context.newPage();
+  await context.addInitScript(() => sessionStorage.setItem("repose.camera", "yesterday"));
+  await late.goto(system.url);
+  await textOf(late, "#picture .empty", /no camera “yesterday”/);
+  await late.click("#picture .empty button[data-camera=front]");
+  await late.waitForSelector("body[data-ready=true]", { timeout: PATIENCE_MS });
+  assert.equal(await late.locator("#camera").inputValue(), "front");
+  await late.waitForSelector("#picture .empty", { state: "hidden", timeout: PATIENCE_MS });
   await context.close();
 });
 
