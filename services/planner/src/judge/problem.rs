@@ -46,11 +46,16 @@ impl<'a> PlacementProblem<'a> {
         terms.map(|t| t.anchor).collect()
     }
 
-    /// The least distance from a candidate to the shape of another object that does not carry it, metres; infinite without one.
-    pub fn shape_gap_m(&self, candidate: &CandidatePose) -> f64 {
+    /// The least distance from a candidate to the shape of another object that does not carry it, and to all that the back of one may be, metres;
+    /// infinite without one.
+    pub fn shape_gaps_m(&self, candidate: &CandidatePose) -> [f64; 2] {
         let (under, placed) = (self.ground().objects_under(candidate), PlacedPrisms::new(&self.query.shape, candidate));
         let others = self.prepared.belief.objects.iter().filter(|(id, _)| **id != self.query.id && !under.contains(id));
-        others.filter_map(|(_, object)| object.shape.as_ref()).map(|shape| placed.to_shape_m(shape, 0.0)).fold(f64::INFINITY, f64::min)
+        let gaps = others.filter_map(|(_, object)| object.shape.as_ref()).map(|shape| {
+            let gap_m = placed.to_shape_m(shape, 0.0);
+            [gap_m, shape.with_doubt().map_or(gap_m, |doubted| placed.to_shape_m(&doubted, 0.0))]
+        });
+        gaps.fold([f64::INFINITY; 2], |[least, doubted], [gap_m, doubted_m]| [least.min(gap_m), doubted.min(doubted_m)])
     }
 
     /// The candidate set down on what is under it when it is lowered from `ceiling_m`. Unchanged when nothing is under it, or when the

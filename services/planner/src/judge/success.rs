@@ -24,6 +24,7 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
     let seen = problem.as_seen().standing_traits(query.id)?;
     let traits = problem.prepared.standing_traits(query.id)?;
     let [length_m, width_m] = traits.spans_m;
+    let [gap_m, doubted_gap_m] = problem.shape_gaps_m(&judged.candidate);
     let beside = [
         f64::from(judged.realism?),
         f64::from(goal),
@@ -31,7 +32,8 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         standing.stands,
         standing.neighbours_stay,
         judged.fragile_share?,
-        problem.shape_gap_m(&judged.candidate).min(FAR_M),
+        gap_m.min(FAR_M),
+        doubted_gap_m.min(FAR_M),
         seen.gap_m.min(FAR_M),
         seen.leaner.oblique.share,
         seen.leaner.oblique.off_rad,

@@ -7,7 +7,7 @@
 use crate::learned::stability::{self, COUNT as OF_PLACE};
 
 /// The measures beside those of [`stability`], in their order.
-const BESIDE: [&str; 41] = [
+const BESIDE: [&str; 42] = [
     // The probability that it stays.
     "stays",
     // The least probability of a goal term, and the least margin by rule, metres.
@@ -18,8 +18,9 @@ const BESIDE: [&str; 41] = [
     "neighbour_stays",
     // Share of small errors of its pose that break a constraint.
     "fragile",
-    // How far the shapes of its neighbours are from it, metres; capped.
+    // How far the shapes of its neighbours are from it, as they are believed to be and with all that their backs may be, metres; capped.
     "shape_gap",
+    "doubted_gap",
     // The same at the place where it was seen: what it may lean on.
     "seen_gap",
     // What may lean on it there: its largest oblique face, and how far it reaches over it, metres.

@@ -83,26 +83,30 @@ impl Shape {
         let grown = |outline: &Footprint, by_m: [f32; 2]| {
             stretched(outline, &axis, &[(*away, both_m[0] + by_m[0]), (*across, both_m[1] + by_m[1])])
         };
-        let stack = Stack { points: &both, sides_m: [hidden.ends_m, hidden.side_m], grown: &grown };
+        let stack = Stack { points: &both, lowest: &both, sides_m: [hidden.ends_m, hidden.side_m], grown: &grown };
         Self::stacked(front, axis, away * hidden.doubt_m, &stack, settings)
     }
 
-    /// Of an object all of whose surface is known; its axis is where its centre of mass is.
+    /// Of an object of which a whole surface is believed; its axis is where its centre of mass is, and it stands on what of the surface is lowest. Its
+    /// prisms keep clear of what the surface, turned by half a turn, fills too: half of it was never seen, and that half may be as wide.
     pub fn of_surface(surface: &Front, axis: Point2<f32>, settings: &ShapeSettings) -> Option<Self> {
         let along = [surface.away, surface.across];
+        let [[near_m, far_m], [right_m, left_m]] = along.map(|along| surface.span(&along));
+        let middle = Point2::from(along[0] * ((near_m + far_m) / 2.0) + along[1] * ((right_m + left_m) / 2.0));
+        let both: Vec<Point3<f32>> = surface.points.iter().copied().chain(far_side(&surface.points, &middle)).collect();
         let grown = |outline: &Footprint, by_m: [f32; 2]| stretched(outline, &axis, &[(along[0], by_m[0]), (along[1], by_m[1])]);
-        let stack = Stack { points: &surface.points, sides_m: [settings.trim_m; 2], grown: &grown };
+        let stack = Stack { points: &both, lowest: &surface.points, sides_m: [settings.trim_m; 2], grown: &grown };
         Self::stacked(surface, axis, Vector2::zeros(), &stack, settings)
     }
 
     fn stacked(front: &Front, axis: Point2<f32>, doubt: Vector2<f32>, stack: &Stack<'_>, settings: &ShapeSettings) -> Option<Self> {
-        let Stack { points, sides_m, grown } = stack;
+        let Stack { points, lowest, sides_m, grown } = stack;
         let (bottom_m, top_m) = (front.bottom_m, front.top_m);
         let whole = Footprint::of(*points)?;
         let height_m = top_m - bottom_m;
         let count = ((height_m / settings.slab_m).floor() as usize).clamp(1, settings.max_slabs);
         let step_m = height_m / count as f32;
-        let within = |low_m: f32, high_m: f32| {
+        let within = |points: &[Point3<f32>], low_m: f32, high_m: f32| {
             let seen = front.points.iter().filter(|p| p.z >= low_m && p.z <= high_m).count();
             let within = points.iter().filter(|p| p.z >= low_m && p.z <= high_m);
             (seen >= settings.min_slab_points).then(|| Footprint::of(within)).flatten()
@@ -112,15 +116,16 @@ impl Shape {
         let mut above = None;
         for k in (0..count).rev() {
             let (low_m, high_m) = (bottom_m + k as f32 * step_m, bottom_m + (k + 1) as f32 * step_m);
-            let outline = within(low_m, high_m).or_else(|| above.clone()).unwrap_or_else(|| whole.clone());
+            let outline = within(points, low_m, high_m).or_else(|| above.clone()).unwrap_or_else(|| whole.clone());
             above = Some(outline.clone());
             slabs.push(Slab { low_m, high_m, outline: grown(&outline, *sides_m)? });
         }
         slabs.reverse();
         let slabs = merged(slabs, settings.same_area_ratio);
         let base_top_m = bottom_m + settings.base_m.max(settings.base_share * height_m);
-        let base =
-            within(f32::NEG_INFINITY, base_top_m).and_then(|base| grown(&base, [0.0; 2])).unwrap_or_else(|| slabs[0].outline.clone());
+        let base = within(lowest, f32::NEG_INFINITY, base_top_m)
+            .and_then(|base| grown(&base, [0.0; 2]))
+            .unwrap_or_else(|| slabs[0].outline.clone());
         Some(Self { centroid: front.centroid, axis, bottom_m, top_m, slabs, base, doubt, foot_probability: 1.0, foot_doubt_m: 0.0 })
     }
 
@@ -227,6 +232,8 @@ fn stretched(outline: &Footprint, axis: &Point2<f32>, by: &[(Vector2<f32>, f32);
 struct Stack<'a> {
     /// Points all over it, world frame.
     points: &'a [Point3<f32>],
+    /// Those that its base is made of, as far as they are low enough.
+    lowest: &'a [Point3<f32>],
     /// How much farther it reaches than those, at its ends and at its sides, metres.
     sides_m: [f32; 2],
     /// An outline that reaches so much farther.
@@ -325,8 +332,8 @@ mod tests {
     }
 
     #[test]
-    fn of_a_surface_that_is_known_nothing_is_added() {
-        // A wedge of which all is known: its middle is not that of its box.
+    fn of_a_whole_surface_the_base_is_what_is_lowest_and_the_prisms_keep_clear_of_its_half_turn() {
+        // Half of a rectangle: its middle is not that of its box.
         let points: Vec<Point3<f32>> = (0..=30)
             .flat_map(|i| (0..=20).flat_map(move |j| (0..=10).map(move |k| [i, j, k])))
             .filter(|[i, j, _]| i * 20 <= (20 - j) * 30)
@@ -337,6 +344,7 @@ mod tests {
         let shape = Shape::of_surface(&front, Point2::new(0.04, 0.027), &settings).unwrap();
         let area = shape.base.area();
         assert!((0.0042..0.0056).contains(&area), "half of a rectangle of 12 cm by 8 cm: {area}");
+        assert!(shape.slabs[0].outline.area() > 0.008, "the whole of it: {}", shape.slabs[0].outline.area());
         assert_eq!(shape.axis, Point2::new(0.04, 0.027));
     }
 
