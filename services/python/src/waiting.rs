@@ -36,9 +36,7 @@ pub fn wait_for<T: Send, F: Future<Output = T>>(py: Python<'_>, handle: &Handle,
                 if let Ok(done) = tokio::time::timeout(SLICE, waited.as_mut()).await {
                     return Ok(done);
                 }
-                if let Err(interrupt) = Python::attach(|py| py.check_signals()) {
-                    return Err(interrupt);
-                }
+                Python::attach(|py| py.check_signals())?;
             }
         })
     })

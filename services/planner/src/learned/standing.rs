@@ -32,7 +32,7 @@ const MEASURES: [OfObject; 31] = [
     ("points", |s| s.points),
     // The tilt that tips it over the nearest edge of what it would stand on: with the far half as it stands, and with the far half as its near
     // one seen from the opposite side in all three directions, which is right for boxes and tubes in any attitude.
-    ("tip_standing", |s| tip_rad(&CompletedSurface::standing(&s.cloud, s.shape, &|place| s.prepared.belief.view.is_clear(place)))),
+    ("tip_standing", |s| tip_rad(&CompletedSurface::standing(&s.cloud, s.shape))),
     ("tip_reflected", |s| tip_rad(&CompletedSurface::leaning(&s.cloud, s.shape))),
     // Its largest oblique face, and how much is level.
     ("oblique_share", |s| s.traits.oblique.share),

@@ -84,8 +84,7 @@ const RISING_CELLS: usize = 6;
 /// What an object's whole surface is believed to be: it tells how the object may be set up otherwise than it was seen.
 pub fn solid_of(prepared: &PreparedScene, id: u16, object: &BelievedObject, shape: &Shape) -> CompletedSurface {
     let leans = prepared.standing_traits(id).is_some_and(|traits| traits.leans());
-    let is_free = |place: &Point3<f32>| prepared.belief.view.is_clear(place);
-    if leans { CompletedSurface::leaning(&object.points, shape) } else { CompletedSurface::standing(&object.points, shape, &is_free) }
+    if leans { CompletedSurface::leaning(&object.points, shape) } else { CompletedSurface::standing(&object.points, shape) }
 }
 
 impl StandingTraits {

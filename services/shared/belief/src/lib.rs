@@ -284,7 +284,7 @@ fn standing_at(feet_m: &BTreeMap<u16, f32>, seen: &ObservedGeometry<'_>) -> BTre
         let front = Front::of(&seen.clouds[&id], bottom_m, &eye, &seen.settings.shape)?;
         let hidden = Back::own().hidden(&front, seen.view, seen.settings);
         let hidden = Cut::own().added_to(hidden, &front, seen.view, seen.settings);
-        Some((id, Shape::complete(&front, &hidden, &|p| seen.view.is_clear(p), &seen.settings.shape)?))
+        Some((id, Shape::complete(&front, &hidden, &seen.settings.shape)?))
     };
     let foot_m = |id: &u16| feet_m.get(id).copied().or_else(|| seen.bottom_m(*id));
     let mut shapes: BTreeMap<u16, Shape> = seen.clouds.keys().filter_map(|id| complete(*id, foot_m(id)?)).collect();

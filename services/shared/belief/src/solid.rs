@@ -27,13 +27,13 @@ pub struct CompletedSurface {
 }
 
 impl CompletedSurface {
-    /// Of an object that stands by itself; `is_free` tells where the camera saw past a place.
-    pub fn standing(seen: &[Point3<f32>], shape: &Shape, is_free: &dyn Fn(&Point3<f32>) -> bool) -> Self {
+    /// Of an object that stands by itself.
+    pub fn standing(seen: &[Point3<f32>], shape: &Shape) -> Self {
         let seen = cloud::voxel_downsampled(seen, VOXEL_M);
-        let far = far_side(&seen, &shape.axis).into_iter().filter(|p| !is_free(p));
+        let far = far_side(&seen, &shape.axis);
         let base = shape.base.corners().iter().map(|c| Point3::new(c.x, c.y, shape.bottom_m));
         let count = seen.len();
-        let points: Vec<Point3<f32>> = seen.into_iter().chain(far).chain(base).collect();
+        let points = seen.into_iter().chain(far).chain(base).collect();
         let volumes = shape.slabs.iter().map(|s| (s.outline.area() * (s.high_m - s.low_m), (s.low_m + s.high_m) / 2.0));
         let (volume, moment) = volumes.fold((0.0, 0.0), |(sum, moment), (v, z)| (sum + v, moment + v * z));
         let height_m = if volume > 0.0 { moment / volume } else { (shape.bottom_m + shape.top_m) / 2.0 };

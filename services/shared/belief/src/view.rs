@@ -151,17 +151,6 @@ impl ObservedView {
         false
     }
 
-    /// Whether the camera clearly saw past a place (world frame): what lies behind it was read there and all around. A thin part that was cleaned away
-    /// leaves no reading.
-    pub fn is_clear(&self, place: &Point3<f32>) -> bool {
-        const AROUND: usize = 1;
-        let in_camera = self.camera_from_world * place.cast::<f64>();
-        let Some((u, v)) = self.camera.pixel_of(&in_camera) else { return false };
-        let columns = u.saturating_sub(AROUND)..=(u + AROUND).min(self.camera.width - 1);
-        let mut rows = v.saturating_sub(AROUND)..=(v + AROUND).min(self.camera.height - 1);
-        rows.all(|y| columns.clone().all(|x| self.pixels[(x, y)].depth_m > in_camera.z as f32 + BEHIND_M))
-    }
-
     /// What is seen right under a point of an object in the picture, up to `rows` further down, if it is level: whose, and where (world
     /// frame). It is level where a third as many rows further down still show the same thing at the same height.
     pub fn level_under(&self, point: &Point3<f32>, object: u16, rows: usize, level_m: f32) -> Option<(u16, Point3<f32>)> {
