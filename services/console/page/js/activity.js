@@ -110,8 +110,8 @@ export class Motion {
     };
     const button = (move, textContent, title) => el("button", { type: "button", className: "small", textContent, title, disabled: this.#isRecovering, data: { key: `recover-${move}` }, onclick: () => recover(move, false) });
     const { move, said, refusal } = this.#recovered?.robot === robot ? this.#recovered : {};
-    return el("details", { className: "more", id: "recovery", open: this.isOpen, ontoggle: ({ target }) => { this.isOpen = target.open; } },
-      el("summary", { textContent: "Bring the arm back" }),
+    const details = el("details", { className: "more", id: "recovery", open: this.isOpen },
+      el("summary", { textContent: "Bring the arm back", onclick: () => { this.isOpen = !details.open; } }),
       el("div", { className: "row", style: "margin-top: 8px" },
         button("open", "Open the hand", "What it holds falls, or stays where it stands"), button("retreat", "Back off", "Along the fingers, as far as the way is free"),
         button("home", "Home", "To the ready pose"), this.#isRecovering && el("span", { className: "hint small", textContent: "moving …" })),
@@ -120,6 +120,7 @@ export class Motion {
       refusal && refusal === this.#fault && /^(unchecked|scene)/.test(refusal.field ?? "") && el("div", { className: "row" },
         el("button", { type: "button", className: "small", id: "recover-unchecked", textContent: `${RECOVERIES[move]} without a check`, disabled: this.#isRecovering,
           title: "Look at the cell first: the arm keeps clear of itself and of the keep-out zones, and of nothing else", onclick: () => recover(move, true) })));
+    return details;
   }
 
   #stopped(robot, stop) {

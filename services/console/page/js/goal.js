@@ -167,8 +167,9 @@ export class Goal {
     const number = (name, fields, extra) => el("input", { type: "number", id: `option-${name}`, data: { key: `option-${name}` }, className: this.#wrong(fields).trim(), value: options[name],
       onchange: set(name, (v) => (v === "" ? (name === "clearance" ? "" : 0) : Number(v))), ...extra });
     const field = (name, text, ...inputs) => [el("label", { htmlFor: `option-${name}`, textContent: text }), el("div", { className: "row" }, inputs)];
-    const details = el("details", { className: "more", open: this.isOpen, ontoggle: ({ target }) => { this.isOpen = target.open; } },
-      el("summary", { textContent: "Options", data: { key: "options" } }),
+    // Kept when it is clicked: "toggle" comes later, by when the element may have been drawn anew as it was before.
+    const details = el("details", { className: "more", open: this.isOpen },
+      el("summary", { textContent: "Options", data: { key: "options" }, onclick: () => { this.isOpen = !details.open; } }),
       el("div", { className: "fields" },
         field("count", "Places wanted", number("count", "count", { min: 1, max: 64 })),
         field("rotation", "Turning", select("rotation", { fixed: "keep its direction", yaw: "may be turned upright", stable: "may be set on another side" })),
