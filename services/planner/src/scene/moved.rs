@@ -95,9 +95,8 @@ fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: 
     if is_upright(motion) {
         return shape.carried(motion);
     }
-    let turned = solid_of(table, id, object, shape).moved(motion).shape(&BeliefSettings::default().shape)?;
-    let (doubt, foot_probability) = (shape.doubt_after(motion), shape.foot_probability);
-    Some(Shape { centroid: motion * shape.centroid, doubt, foot_probability, ..turned })
+    let turned = solid_of(table, id, object, shape).moved(motion).shape_after(motion, shape, &BeliefSettings::default().shape)?;
+    Some(Shape { centroid: motion * shape.centroid, ..turned })
 }
 
 /// The table without an object.

@@ -66,11 +66,8 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
     let (object, shape) = prepared.movable(id)?;
     let settings = BeliefSettings::default();
     let solid = solid_of(prepared, id, object, shape).moved(&turned_from_observed);
-    let mut turned_shape =
-        solid.shape(&settings.shape).ok_or_else(|| CallError::precondition("the turned object has no extent").at("query"))?;
-    // Where more of its back may be has been turned with it, and what was doubtful of its foot is so of one of its sides.
-    turned_shape.doubt = shape.doubt_after(&turned_from_observed);
-    turned_shape.foot_probability = shape.foot_probability;
+    let turned_shape = solid.shape_after(&turned_from_observed, shape, &settings.shape);
+    let mut turned_shape = turned_shape.ok_or_else(|| CallError::precondition("the turned object has no extent").at("query"))?;
     turned_shape.foot_doubt_m = settings.sides.lower_m;
     let mut known = prepared.belief.shapes();
     known.insert(id, turned_shape);

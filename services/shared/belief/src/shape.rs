@@ -81,11 +81,8 @@ impl Shape {
         let both: Vec<Point3<f32>> = points.iter().copied().chain(far_side(points, &axis)).collect();
         // Half a turn makes up for what is missing at one of two ends, not for what is missing at both.
         let both_m = [hidden.near_m.min(hidden.back_m), hidden.left_m.min(hidden.right_m)];
-        let grown = |outline: &Footprint, by_m: [f32; 2]| {
-            stretched(outline, &axis, &[(*away, both_m[0] + by_m[0]), (*across, both_m[1] + by_m[1])])
-        };
-        let stack = Stack { points: &both, lowest: &both, sides_m: [hidden.ends_m, hidden.side_m], grown: &grown };
-        Self::stacked(front, axis, away * hidden.doubt_m, &stack, settings)
+        let stack = Stack { axis, points: &both, lowest: &both, base_by_m: both_m, sides_by_m: [hidden.ends_m, hidden.side_m] };
+        Some(Self { doubt: away * hidden.doubt_m, ..Self::stacked(front, &stack, settings)? })
     }
 
     /// Of an object of which a whole surface is believed; its axis is where its centre of mass is, and it stands on what of the surface is lowest. Its
@@ -95,13 +92,15 @@ impl Shape {
         let [[near_m, far_m], [right_m, left_m]] = along.map(|along| surface.span(&along));
         let middle = Point2::from(along[0] * ((near_m + far_m) / 2.0) + along[1] * ((right_m + left_m) / 2.0));
         let both: Vec<Point3<f32>> = surface.points.iter().copied().chain(far_side(&surface.points, &middle)).collect();
-        let grown = |outline: &Footprint, by_m: [f32; 2]| stretched(outline, &axis, &[(along[0], by_m[0]), (along[1], by_m[1])]);
-        let stack = Stack { points: &both, lowest: &surface.points, sides_m: [settings.trim_m; 2], grown: &grown };
-        Self::stacked(surface, axis, Vector2::zeros(), &stack, settings)
+        let stack = Stack { axis, points: &both, lowest: &surface.points, base_by_m: [0.0; 2], sides_by_m: [settings.trim_m; 2] };
+        Self::stacked(surface, &stack, settings)
     }
 
-    fn stacked(front: &Front, axis: Point2<f32>, doubt: Vector2<f32>, stack: &Stack<'_>, settings: &ShapeSettings) -> Option<Self> {
-        let Stack { points, lowest, sides_m, grown } = stack;
+    fn stacked(front: &Front, stack: &Stack<'_>, settings: &ShapeSettings) -> Option<Self> {
+        let Stack { axis, points, lowest, base_by_m, sides_by_m } = stack;
+        let grown = |outline: &Footprint, by_m: [f32; 2]| {
+            stretched(outline, axis, &[(front.away, base_by_m[0] + by_m[0]), (front.across, base_by_m[1] + by_m[1])])
+        };
         let (bottom_m, top_m) = (front.bottom_m, front.top_m);
         let whole = Footprint::of(*points)?;
         let height_m = top_m - bottom_m;
@@ -119,7 +118,7 @@ impl Shape {
             let (low_m, high_m) = (bottom_m + k as f32 * step_m, bottom_m + (k + 1) as f32 * step_m);
             let outline = within(points, low_m, high_m).or_else(|| above.clone()).unwrap_or_else(|| whole.clone());
             above = Some(outline.clone());
-            slabs.push(Slab { low_m, high_m, outline: grown(&outline, *sides_m)? });
+            slabs.push(Slab { low_m, high_m, outline: grown(&outline, *sides_by_m)? });
         }
         slabs.reverse();
         let slabs = merged(slabs, settings.same_area_ratio);
@@ -127,7 +126,8 @@ impl Shape {
         let base = within(lowest, f32::NEG_INFINITY, base_top_m)
             .and_then(|base| grown(&base, [0.0; 2]))
             .unwrap_or_else(|| slabs[0].outline.clone());
-        Some(Self { centroid: front.centroid, axis, bottom_m, top_m, slabs, base, doubt, foot_probability: 1.0, foot_doubt_m: 0.0 })
+        let doubt = Vector2::zeros();
+        Some(Self { centroid: front.centroid, axis: *axis, bottom_m, top_m, slabs, base, doubt, foot_probability: 1.0, foot_doubt_m: 0.0 })
     }
 
     /// The shape after a turn about world z and a translation. None where an outline vanishes, which a rigid motion does not do.
@@ -231,14 +231,16 @@ fn stretched(outline: &Footprint, axis: &Point2<f32>, by: &[(Vector2<f32>, f32);
 
 /// What the prisms of a shape are made of.
 struct Stack<'a> {
+    /// Its axis, seen from above.
+    axis: Point2<f32>,
     /// Points all over it, world frame.
     points: &'a [Point3<f32>],
     /// Those that its base is made of, as far as they are low enough.
     lowest: &'a [Point3<f32>],
-    /// How much farther it reaches than those, at its ends and at its sides, metres.
-    sides_m: [f32; 2],
-    /// An outline that reaches so much farther.
-    grown: &'a dyn Fn(&Footprint, [f32; 2]) -> Option<Footprint>,
+    /// How much farther than those it reaches from its axis, its base included: away from the camera and towards it, and across that, metres.
+    base_by_m: [f32; 2],
+    /// How much farther beyond that it reaches above its base, metres.
+    sides_by_m: [f32; 2],
 }
 
 /// Joins neighbouring slabs of nearly the same area, so that a box is one prism.

@@ -48,12 +48,14 @@ impl CompletedSurface {
         Self { points, seen: seen.len(), center_of_mass: middle }
     }
 
-    /// The prisms around it; `None` when it has no extent seen from above.
-    pub fn shape(&self, settings: &ShapeSettings) -> Option<Shape> {
+    /// The prisms around it after a motion of the object whose shape it was completed from; `None` when it has no extent seen from above. Where more of
+    /// that object's back may be has gone with it, and what was doubtful of its foot is so of one of its sides.
+    pub fn shape_after(&self, motion: &Isometry3<f64>, before: &Shape, settings: &ShapeSettings) -> Option<Shape> {
         let bottom_m = self.points.iter().map(|p| p.z).fold(f32::INFINITY, f32::min);
         // Whoever sees all of it looks from above.
         let middle = self.center_of_mass.xy();
-        Shape::of_surface(&Front::of(&self.points, bottom_m, &middle, settings)?, middle, settings)
+        let around = Shape::of_surface(&Front::of(&self.points, bottom_m, &middle, settings)?, middle, settings)?;
+        Some(Shape { doubt: before.doubt_after(motion), foot_probability: before.foot_probability, ..around })
     }
 
     /// The same after a motion.
