@@ -297,7 +297,7 @@ pub fn try_scene(
         query: problem.query,
         goal: problem.goal,
         true_supports: answers.len(),
-        whole_based: !answers.is_empty() && truth.has_whole_based(&settings.truth, &settings.release),
+        whole_based: truth.has_whole_based(&answers, &settings.truth, &settings.release),
         script: ScriptTrial::of(&seen, &settings.release),
         trials,
     };

@@ -157,11 +157,14 @@ impl<'a> PreparedTruth<'a> {
         found
     }
 
-    /// Whether some placement succeeds whose whole base is carried, as a planner that sets nothing over an edge must find it.
-    pub fn has_whole_based(&self, settings: &TruthSettings, release: &ReleaseSettings) -> bool {
+    /// Whether some placement succeeds whose whole base is carried, as a planner that sets nothing over an edge must find it: one of `answers`, those
+    /// of this search, or where they all hang over edges, another.
+    pub fn has_whole_based(&self, answers: &[TrueAnswer], settings: &TruthSettings, release: &ReleaseSettings) -> bool {
         let base = self.base_cells();
         let is_whole = |placed: &Isometry3<f64>| self.carried_share(&base, placed) >= settings.whole_base_share;
-        !self.answers_among(settings, release, 1, &is_whole).is_empty()
+        let is_among = answers.iter().any(|answer| is_whole(&answer.placed_from_observed));
+        // Without any answer there is no other.
+        is_among || (!answers.is_empty() && !self.answers_among(settings, release, 1, &is_whole).is_empty())
     }
 
     /// Places all over what the object stands on where it was seen, world frame.
