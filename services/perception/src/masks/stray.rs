@@ -5,6 +5,7 @@
 
 use repose_geometry::Image;
 
+use crate::readings::flying::StepLimit;
 use crate::settings::FlyingSettings;
 
 /// A patch with less than this share of its mask's largest patch is not the object's. An object that another one covers in the middle has
@@ -16,6 +17,7 @@ pub fn remove(labels: &Image<u16>, depth_m: &mut Image<f32>, focal_px: f32, sett
     let (width, height) = (labels.width(), labels.height());
     let (ids, depths) = (labels.pixels(), depth_m.pixels_mut());
     let is_reading = |depths: &[f32], i: usize| ids[i] != 0 && !depths[i].is_nan();
+    let step = StepLimit::new(settings, focal_px);
     let mut patch_of = vec![u32::MAX; ids.len()];
     let mut sizes: Vec<usize> = Vec::new();
     let mut largest = vec![0usize; usize::from(ids.iter().copied().max().unwrap_or(0)) + 1];
@@ -31,7 +33,7 @@ pub fn remove(labels: &Image<u16>, depth_m: &mut Image<f32>, focal_px: f32, sett
         while let Some(i) = open.pop() {
             size += 1;
             let (u, v) = (i % width, i / width);
-            let limit_m = settings.max_slope / focal_px * depths[i] + settings.noise_per_m2 * depths[i] * depths[i];
+            let limit_m = step.at_m(depths[i]);
             let beside =
                 [(u > 0).then(|| i - 1), (u + 1 < width).then(|| i + 1), (v > 0).then(|| i - width), (v + 1 < height).then(|| i + width)];
             for j in beside.into_iter().flatten() {

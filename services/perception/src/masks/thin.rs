@@ -9,6 +9,7 @@
 use repose_geometry::Image;
 
 use crate::masks::borders::border_band;
+use crate::readings::flying::StepLimit;
 use crate::settings::{BorderSettings, Settings};
 
 /// A part is at least so many times as long as the square that does not fit into it, …
@@ -38,12 +39,13 @@ pub struct MaskedDepth<'a> {
 pub fn middles(picture: &MaskedDepth<'_>, band: &Image<bool>, without: &[u16], settings: &Settings) -> Vec<usize> {
     let labels = picture.labels;
     let widest = settings.borders.radius_px.min(labels.width().max(labels.height()));
+    let step = StepLimit::new(&settings.flying, picture.focal_px);
     let mut middles = Vec::new();
     // What a wide band leaves nothing of may have parts that are too thin for half of it, too.
     for radius_px in std::iter::successors(Some(widest), |radius_px| Some(radius_px / 2)).take_while(|radius_px| *radius_px > 1) {
         let narrower = (radius_px < widest).then(|| border_band(labels, &BorderSettings { radius_px }));
         let mut waiting = opened_away(labels, narrower.as_ref().unwrap_or(band), radius_px);
-        let parts = Parts { picture, radius_px, settings };
+        let parts = Parts { picture, radius_px, settings, step };
         for start in 0..waiting.len() {
             if waiting[start] {
                 let part = connected(start, &mut waiting, labels);
@@ -127,6 +129,8 @@ struct Parts<'a> {
     picture: &'a MaskedDepth<'a>,
     radius_px: usize,
     settings: &'a Settings,
+    /// How far readings of one surface are apart, as flying ones are judged.
+    step: StepLimit,
 }
 
 impl Parts<'_> {
@@ -145,7 +149,7 @@ impl Parts<'_> {
             }
             readings += 1;
             let near_m = self.near_m(at);
-            if (depth_m - near_m).abs() > self.step_m(near_m) {
+            if (depth_m - near_m).abs() > self.step.at_m(near_m) {
                 continue;
             }
             middle.push(at);
@@ -202,7 +206,7 @@ impl Parts<'_> {
             (Some(side_m), None) | (None, Some(side_m)) => Some(side_m > clear_m),
             // A plane's inverse depth is linear in the picture: their mean is what the part hides of a slanted table. What is much nearer on one
             // side covers the part, or is what the readings are mixed of.
-            (Some(a_m), Some(b_m)) => Some(2.0 * a_m * b_m / (a_m + b_m) > clear_m && a_m.min(b_m) > near_m - self.step_m(near_m)),
+            (Some(a_m), Some(b_m)) => Some(2.0 * a_m * b_m / (a_m + b_m) > clear_m && a_m.min(b_m) > near_m - self.step.at_m(near_m)),
         }
     }
 
@@ -212,12 +216,6 @@ impl Parts<'_> {
         let (u, v) = ((at % labels.width()).checked_add_signed(du)?, (at / labels.width()).checked_add_signed(dv)?);
         let depth_m = *self.picture.depth_m.get(u, v)?;
         (!depth_m.is_nan() && *labels.get(u, v)? != labels.pixels()[at]).then_some(depth_m)
-    }
-
-    /// How far two neighbouring readings of one surface may be apart, metres, as flying readings are judged.
-    fn step_m(&self, depth_m: f32) -> f32 {
-        let flying = &self.settings.flying;
-        flying.max_slope / self.picture.focal_px * depth_m + flying.noise_per_m2 * depth_m * depth_m
     }
 
     fn around(&self, at: usize, reach_px: usize) -> impl Iterator<Item = usize> {

@@ -22,6 +22,26 @@ pub struct Flying {
     pub is_sparse: bool,
 }
 
+/// How far two neighbouring readings of one surface may be apart in a picture.
+#[derive(Debug, Clone, Copy)]
+pub struct StepLimit {
+    per_depth: f32,
+    noise_per_m2: f32,
+}
+
+impl StepLimit {
+    /// In a picture of a focal length, pixels.
+    pub fn new(settings: &FlyingSettings, focal_px: f32) -> Self {
+        Self { per_depth: settings.max_slope / focal_px, noise_per_m2: settings.noise_per_m2 }
+    }
+
+    /// At a depth, metres.
+    #[inline]
+    pub fn at_m(&self, depth_m: f32) -> f32 {
+        self.per_depth * depth_m + self.noise_per_m2 * depth_m * depth_m
+    }
+}
+
 /// Replaces flying readings by NaN; what was found of them.
 ///
 /// `depth_m` holds NaN where there is no reading, `focal_px` is the focal length of the same picture.
@@ -33,7 +53,7 @@ pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings
     // Judged on the readings as they came: a pixel taken out must not make its neighbour flying.
     let before = depth_m.pixels().to_vec();
     let row = |v: usize| &before[v * width..(v + 1) * width];
-    let per_depth = settings.max_slope / focal_px;
+    let step = StepLimit::new(settings, focal_px);
     let mut removed = 0;
     let mut alone = Vec::new();
     let mut flying = vec![false; width - 2];
@@ -42,7 +62,7 @@ pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings
         // Slices of one length, so that the loop runs over many pixels at once.
         let sides = here[..width - 2].iter().zip(&here[2..]).zip(&above[1..width - 1]).zip(&below[1..width - 1]);
         for ((flying, z), (((left, right), above), below)) in flying.iter_mut().zip(&here[1..width - 1]).zip(sides) {
-            let limit = per_depth * z + settings.noise_per_m2 * z * z;
+            let limit = step.at_m(*z);
             // Comparisons with a missing neighbour are false: it is no step to either side, and near nobody.
             let between = |a: f32, b: f32| ((z - a > limit) & (b - z > limit)) | ((a - z > limit) & (z - b > limit));
             let near = |a: f32| (a - z).abs() <= limit;
