@@ -1,7 +1,7 @@
 // The robot and what it carries out: its mode and stop, the planned motion, the phases, and the sequence of goals.
 
 import { isStale } from "./age.js";
-import { el, fill } from "./element.js";
+import { el, fill, foldOut } from "./element.js";
 import { faultBox } from "./goal.js";
 import { STAGES, plain, seconds, sentence, termWords } from "./words.js";
 
@@ -110,8 +110,7 @@ export class Motion {
     };
     const button = (move, textContent, title) => el("button", { type: "button", className: "small", textContent, title, disabled: this.#isRecovering, data: { key: `recover-${move}` }, onclick: () => recover(move, false) });
     const { move, said, refusal } = this.#recovered?.robot === robot ? this.#recovered : {};
-    const details = el("details", { className: "more", id: "recovery", open: this.isOpen },
-      el("summary", { textContent: "Bring the arm back", onclick: () => { this.isOpen = !details.open; } }),
+    return foldOut(this, { id: "recovery" }, { textContent: "Bring the arm back" },
       el("div", { className: "row", style: "margin-top: 8px" },
         button("open", "Open the hand", "What it holds falls, or stays where it stands"), button("retreat", "Back off", "Along the fingers, as far as the way is free"),
         button("home", "Home", "To the ready pose"), this.#isRecovering && el("span", { className: "hint small", textContent: "moving …" })),
@@ -120,7 +119,6 @@ export class Motion {
       refusal && refusal === this.#fault && /^(unchecked|scene)/.test(refusal.field ?? "") && el("div", { className: "row" },
         el("button", { type: "button", className: "small", id: "recover-unchecked", textContent: `${RECOVERIES[move]} without a check`, disabled: this.#isRecovering,
           title: "Look at the cell first: the arm keeps clear of itself and of the keep-out zones, and of nothing else", onclick: () => recover(move, true) })));
-    return details;
   }
 
   #stopped(robot, stop) {

@@ -33,3 +33,11 @@ export function choices(select, names, chosen) {
   if (chosen !== undefined && select.value !== chosen) select.value = chosen;
   select.disabled = names.length < 1;
 }
+
+/** What can be folded out, as `owner.isOpen` says; it is kept there when the summary is clicked: "toggle" comes later, by when the element may have been
+ *  drawn anew as it was before. */
+export function foldOut(owner, properties, summary, ...children) {
+  const details = el("details", { className: "more", open: owner.isOpen, ...properties },
+    el("summary", { ...summary, onclick: () => { owner.isOpen = !details.open; } }), ...children);
+  return details;
+}

@@ -1,6 +1,6 @@
 // The goal: what to move, and what is to hold. Objects come from clicks on the picture or from their chips.
 
-import { el, fill } from "./element.js";
+import { el, fill, foldOut } from "./element.js";
 import { RELATIONS, VARIANTS, colorOf } from "./words.js";
 
 const newTerm = () => ({ relation: "left_of", anchor: 0, holds: true });
@@ -167,9 +167,7 @@ export class Goal {
     const number = (name, fields, extra) => el("input", { type: "number", id: `option-${name}`, data: { key: `option-${name}` }, className: this.#wrong(fields).trim(), value: options[name],
       onchange: set(name, (v) => (v === "" ? (name === "clearance" ? "" : 0) : Number(v))), ...extra });
     const field = (name, text, ...inputs) => [el("label", { htmlFor: `option-${name}`, textContent: text }), el("div", { className: "row" }, inputs)];
-    // Kept when it is clicked: "toggle" comes later, by when the element may have been drawn anew as it was before.
-    const details = el("details", { className: "more", open: this.isOpen },
-      el("summary", { textContent: "Options", data: { key: "options" }, onclick: () => { this.isOpen = !details.open; } }),
+    return foldOut(this, {}, { textContent: "Options", data: { key: "options" } },
       el("div", { className: "fields" },
         field("count", "Places wanted", number("count", "count", { min: 1, max: 64 })),
         field("rotation", "Turning", select("rotation", { fixed: "keep its direction", yaw: "may be turned upright", stable: "may be set on another side" })),
@@ -178,7 +176,6 @@ export class Goal {
         field("variant", "Method", select("variant", VARIANTS)),
         field("clearance", "Clearance", number("clearance", "min_clearance_m", { min: 0, max: 500, placeholder: "any" }), "mm"),
         field("seed", "Seed", number("seed", "seed", { min: 0 }))));
-    return details;
   }
 }
 
