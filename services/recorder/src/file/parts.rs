@@ -66,9 +66,10 @@ impl RecordingFiles {
         // Room for the one that is open, too.
         while self.closed.iter().map(|(_, bytes)| bytes).sum::<u64>() + self.settings.max_file_bytes > self.settings.max_total_bytes {
             let Some((oldest, _)) = self.closed.pop_front() else { break };
-            std::fs::remove_file(&oldest).map_err(|source| RecordingError::File { path: oldest.clone(), source })?;
-            tracing::info!(file = %oldest.display(), "the oldest part of the recording had to go");
-            self.removed += 1;
+            if remove(&oldest)? {
+                tracing::info!(file = %oldest.display(), "the oldest part of the recording had to go");
+                self.removed += 1;
+            }
         }
         Ok(true)
     }
@@ -80,9 +81,19 @@ impl RecordingFiles {
     pub fn finish(self, about: BTreeMap<String, String>) -> Result<RecordingReport, RecordingError> {
         let last = self.open.path().to_owned();
         let mut closed = self.closed;
+        closed.retain(|(path, _)| path.exists());
         closed.push_back((last, self.open.finish(about)?));
         let bytes = closed.iter().map(|(_, bytes)| bytes).sum();
         Ok(RecordingReport { files: closed.into_iter().map(|(path, _)| path).collect(), bytes, removed: self.removed })
+    }
+}
+
+/// Removes a closed file; whether it was there. Who has moved it away has made the same room, and the recording goes on.
+fn remove(closed: &Path) -> Result<bool, RecordingError> {
+    match std::fs::remove_file(closed) {
+        Ok(()) => Ok(true),
+        Err(gone) if gone.kind() == std::io::ErrorKind::NotFound => Ok(false),
+        Err(source) => Err(RecordingError::File { path: closed.to_owned(), source }),
     }
 }
 
@@ -168,5 +179,23 @@ mod tests {
         }
         let newest: Vec<u64> = (12 - seen.len() as u64..12).collect();
         assert_eq!(seen, newest, "the newest are there, in order");
+    }
+
+    #[test]
+    fn a_recording_goes_on_where_somebody_has_moved_its_older_files_away() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("run.mcap");
+        let settings = RecordSettings { max_file_bytes: 1 << 20, max_total_bytes: 3 << 20, ..RecordSettings::new(out.clone()) };
+        let mut parts = RecordingFiles::begin(settings, BTreeMap::new()).expect("a file");
+        for k in 0..12u64 {
+            let payload = Payload { encoding: "application/octet-stream;repose.Frame.v1".to_owned(), bytes: noise(k, 500_000).into() };
+            parts.open().wire("repose/v1/cell/camera/front/frame", &payload, k).expect("written");
+            parts.open().flush().expect("written");
+            if parts.turn().expect("nobody is in the way") && out.exists() {
+                std::fs::rename(&out, folder.path().join("kept elsewhere")).expect("moved");
+            }
+        }
+        let written = parts.finish(BTreeMap::new()).expect("written");
+        assert!(written.removed > 0 && written.files.iter().all(|file| file.exists()), "{written:?}");
     }
 }
