@@ -10,6 +10,12 @@ use std::collections::VecDeque;
 const MOST: usize = 8;
 /// From how many pictures of color it is told how soon the next one may come.
 const GAPS: usize = 8;
+/// Depth that is so far before what was used last is of a clock that began anew, nanoseconds, …
+const OTHER_CLOCK_NS: u64 = 10_000_000_000;
+/// … and so is that whose stamps rise for so many pictures in a row and are before it all the same: a short recording that is played again.
+const LATE_IN_A_ROW: usize = 8;
+/// Color this far before the color that came last is of a clock that began anew, nanoseconds.
+const COLOR_BACK_NS: u64 = 1_000_000_000;
 
 /// How pictures are paired.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +56,8 @@ pub struct Pairing<D, C> {
     newest_color_ns: u64,
     gaps_ns: VecDeque<u64>,
     last_ns: u64,
+    /// The stamp of the last depth that was late, and how many in a row were with stamps that rose.
+    late: (u64, usize),
     /// What has become of the pictures.
     pub counts: PairingCounts,
 }
@@ -64,27 +72,43 @@ impl<D, C> Pairing<D, C> {
             newest_color_ns: 0,
             gaps_ns: VecDeque::new(),
             last_ns: 0,
+            late: (0, 0),
             counts: PairingCounts::default(),
         }
     }
 
     /// Takes depth that came at `now_ms`.
     pub fn depth(&mut self, stamp_ns: u64, picture: D, now_ms: u64) {
-        // Stamps that jump far back are a clock that began anew, and no late picture.
-        if stamp_ns <= self.last_ns && self.last_ns - stamp_ns < 10_000_000_000 {
-            self.counts.late += 1;
-            return;
-        }
-        if stamp_ns < self.last_ns {
+        if stamp_ns <= self.last_ns {
+            if !self.begins_anew(stamp_ns) {
+                self.counts.late += 1;
+                return;
+            }
             self.last_ns = 0;
-            self.colors.clear();
+            self.leave_colors_after(stamp_ns + self.settings.tolerance_ns);
         }
+        self.late = (0, 0);
         let at = self.depths.partition_point(|waiting| waiting.stamp_ns <= stamp_ns);
         self.depths.insert(at, Waiting { stamp_ns, since_ms: now_ms, picture });
         if self.depths.len() > MOST {
             self.depths.pop_front();
             self.counts.depth_alone += 1;
         }
+    }
+
+    /// Whether depth that is before what was used last is of a clock that began anew, and no late picture.
+    fn begins_anew(&mut self, stamp_ns: u64) -> bool {
+        let (before_ns, in_a_row) = self.late;
+        // A driver that is stuck sends one picture again and again.
+        self.late = (stamp_ns, if stamp_ns > before_ns { in_a_row + 1 } else { 1 });
+        self.last_ns - stamp_ns >= OTHER_CLOCK_NS || self.late.1 >= LATE_IN_A_ROW
+    }
+
+    /// Leaves out the colors of a clock that has begun anew since: as long as one waits, it seems that no nearer one can come.
+    fn leave_colors_after(&mut self, last_ns: u64) {
+        let kept = self.colors.partition_point(|waiting| waiting.stamp_ns <= last_ns);
+        self.counts.color_alone += (self.colors.len() - kept) as u64;
+        self.colors.truncate(kept);
     }
 
     /// Takes color that came at `now_ms`.
@@ -97,6 +121,9 @@ impl<D, C> Pairing<D, C> {
             }
         } else {
             self.gaps_ns.clear();
+            if self.newest_color_ns - stamp_ns >= COLOR_BACK_NS {
+                self.leave_colors_after(stamp_ns);
+            }
         }
         self.newest_color_ns = stamp_ns;
         let at = self.colors.partition_point(|waiting| waiting.stamp_ns <= stamp_ns);
@@ -224,5 +251,42 @@ mod tests {
         pairs.depth(5 * MS, "d1", 1);
         pairs.color(5 * MS, "c1", 1);
         assert_eq!(pairs.next(1), Some((5 * MS, "d1", Some("c1"))));
+    }
+
+    #[test]
+    fn color_of_a_clock_that_is_over_keeps_no_depth_from_waiting() {
+        let mut pairs = pairing(5);
+        pairs.depth(100_000 * MS, "d0", 0);
+        pairs.color(100_000 * MS, "c0", 0);
+        assert!(pairs.next(0).is_some());
+        // The clock begins anew while a picture of before is still being read.
+        pairs.depth(5 * MS, "d1", 1);
+        pairs.color(100_033 * MS, "of before", 2);
+        pairs.color(5 * MS, "c1", 3);
+        assert_eq!(pairs.next(3), Some((5 * MS, "d1", Some("c1"))));
+        for (stamp_ms, now_ms) in [(38, 40), (71, 73), (104, 106)] {
+            pairs.depth(stamp_ms * MS, "depth", now_ms);
+            assert_eq!(pairs.next(now_ms), None, "its color is yet to come");
+            pairs.color(stamp_ms * MS, "color", now_ms + 1);
+            assert_eq!(pairs.next(now_ms + 1), Some((stamp_ms * MS, "depth", Some("color"))));
+        }
+        assert_eq!(pairs.counts, PairingCounts { paired: 5, color_alone: 1, ..PairingCounts::default() });
+    }
+
+    #[test]
+    fn a_short_recording_that_is_played_again_is_followed_and_a_picture_that_is_sent_again_is_late() {
+        let mut pairs = pairing(5);
+        let mut paired = [0; 3];
+        for (i, round) in (0..60u64).map(|i| (i, (i / 20) as usize)) {
+            let stamp_ns = (1000 + 33 * (i % 20)) * MS;
+            pairs.depth(stamp_ns, "depth", 33 * i);
+            pairs.color(stamp_ns, "color", 33 * i + 1);
+            paired[round] += std::iter::from_fn(|| pairs.next(33 * i + 1)).count();
+        }
+        assert_eq!(paired, [20, 21 - LATE_IN_A_ROW, 21 - LATE_IN_A_ROW]);
+        for i in 0..30 {
+            pairs.depth(1627 * MS, "the last one", 3000 + i);
+            assert_eq!(pairs.next(3000 + i), None);
+        }
     }
 }
