@@ -7,6 +7,8 @@ use repose_ros_messages::{Transform, TransformStamped};
 
 /// How long transforms are kept, nanoseconds.
 const KEPT_NS: u64 = 10_000_000_000;
+/// A transform this far before the newest of its frame is of a clock that began anew, nanoseconds: on the way they overtake each other by less.
+const OTHER_CLOCK_NS: u64 = 2_000_000_000;
 /// Transforms of one frame that are kept at most.
 const MOST: usize = 4096;
 /// Frames that are known at most.
@@ -88,9 +90,9 @@ impl Transforms {
         if is_static {
             poses.clear();
         }
-        // Time that jumps back, as when a simulation or a recording begins anew, begins the frame anew.
-        if poses.back().is_some_and(|(last_ns, _)| stamp_ns + KEPT_NS < *last_ns) {
-            poses.clear();
+        // Time that jumps back, as when a simulation or a recording begins anew: what was told of later instants is of another time.
+        if poses.back().is_some_and(|(last_ns, _)| stamp_ns + OTHER_CLOCK_NS < *last_ns) {
+            poses.truncate(poses.partition_point(|(ns, _)| *ns < stamp_ns));
         }
         let at = poses.partition_point(|(ns, _)| *ns < stamp_ns);
         match poses.get_mut(at) {
@@ -250,5 +252,21 @@ mod tests {
         assert!(tree.branches["camera"].parent_from_child.len() <= 11);
         tree.take(&told("world", "camera", SECOND, 0.5, 0.0), false);
         assert_eq!(tree.lookup("world", "camera", SECOND).map(|p| p.translation.x), Ok(0.5));
+    }
+
+    #[test]
+    fn where_a_camera_was_before_its_time_began_anew_is_not_where_it_is() {
+        let mut tree = Transforms::default();
+        let mut tell = |ms: u64, x: f64| tree.take(&told("world", "camera", ms * SECOND / 1000, x, 0.0), false);
+        // A simulation of six seconds, then half a second of the next one.
+        assert!((0..60).all(|k| tell(100 * k, 1.0)) && (0..6).all(|k| tell(100 * k, 2.0)));
+        assert_eq!(tree.lookup("world", "camera", SECOND / 4).map(|p| p.translation.x), Ok(2.0));
+        let yet_to_come = tree.lookup("world", "camera", SECOND).unwrap_err();
+        assert!(yet_to_come.may_come(), "{yet_to_come}");
+        // One that was overtaken on its way is still of this time.
+        tree.take(&told("world", "camera", SECOND, 2.0, 0.0), false);
+        tree.take(&told("world", "camera", 3 * SECOND / 4, 2.5, 0.0), false);
+        assert_eq!(tree.lookup("world", "camera", 3 * SECOND / 4).map(|p| p.translation.x), Ok(2.5));
+        assert!(tree.lookup("world", "camera", SECOND).is_ok());
     }
 }
