@@ -32,8 +32,7 @@ impl SceneTopics {
     /// # Errors
     /// When the network refuses.
     pub async fn of(node: &Node, camera: &str) -> Result<Self, BridgeError> {
-        // The dashes that keys may have are none in ROS.
-        let camera = camera.replace('-', "_");
+        let camera = topic_part(camera);
         let own = |topic: &str| node.own(&format!("{camera}/{topic}"));
         Ok(Self {
             detections: node.publisher(&own("detections"), "vision_msgs/msg/Detection3DArray", Qos::DEFAULT).await?,
@@ -81,10 +80,33 @@ pub async fn run(session: Session, node: Node, config: Arc<Ros2Config>, camera: 
     Ok(())
 }
 
+/// A camera's name as a part of a topic. Keys may have dashes, and begin with a digit as serial numbers do; in ROS that is no name.
+fn topic_part(camera: &str) -> String {
+    let part = camera.replace('-', "_");
+    if part.starts_with(|c: char| c.is_ascii_digit()) { format!("camera_{part}") } else { part }
+}
+
 /// A scene with its points.
 ///
 /// # Errors
 /// When no perception worker has it any more.
 pub async fn whole(perception: &Caller, scene_id: &str) -> Result<Scene, BridgeError> {
     Ok(fetch_scene(perception, scene_id, &CallOptions::within(FETCH)).await?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::names;
+
+    #[test]
+    fn every_name_that_a_camera_may_have_is_part_of_a_topic() {
+        for (camera, part) in
+            [("front", "front"), ("wrist-left_2", "wrist_left_2"), ("138422075228", "camera_138422075228"), ("3d-top", "camera_3d_top")]
+        {
+            repose_proto::keys::validate_chunk("name", camera).expect("a camera may be called that");
+            assert_eq!(topic_part(camera), part);
+            assert_eq!(names::check(&format!("/repose/{}/points", topic_part(camera))), Ok(()));
+        }
+    }
 }
