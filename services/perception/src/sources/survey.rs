@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::messages::Channel;
-use repose_ros_messages::frames::model_of;
+use repose_ros_messages::frames::{model_of, picture_size};
 use repose_ros_messages::{CameraInfo, Header, MessageError, PointCloud2, RosImage};
 
 /// Encodings of color.
@@ -71,9 +71,14 @@ struct Seen {
 
 #[derive(Debug)]
 enum Kind {
-    Image { encoding: String },
+    Image {
+        encoding: String,
+    },
     Cloud,
-    Info,
+    /// Intrinsics, and the size of the pictures where those are a part of the whole.
+    Info {
+        of_part: (u32, u32),
+    },
 }
 
 impl Kind {
@@ -81,7 +86,7 @@ impl Kind {
     fn encoding(&self) -> Option<&str> {
         match self {
             Self::Image { encoding } => Some(encoding),
-            Self::Cloud | Self::Info => None,
+            Self::Cloud | Self::Info { .. } => None,
         }
     }
 }
@@ -170,7 +175,8 @@ impl Survey {
 
     /// The intrinsics of a source: as named, else those of its size beside it in its namespace, else those of its size and frame.
     fn info_of(&self, source: &Seen, wanted: &Topics) -> Option<&Seen> {
-        let infos = self.topics.iter().filter(|seen| matches!(seen.kind, Kind::Info) && seen.size == source.size);
+        let is_theirs = |seen: &&Seen| matches!(seen.kind, Kind::Info { of_part } if [seen.size, of_part].contains(&source.size));
+        let infos = self.topics.iter().filter(is_theirs);
         if let Some(name) = &wanted.info {
             return infos.into_iter().find(|seen| seen.topic == *name);
         }
@@ -238,7 +244,8 @@ fn seen(channel: &Channel, bytes: &[u8]) -> Result<Option<Seen>, MessageError> {
         "sensor_msgs/msg/CameraInfo" => {
             let info = CameraInfo::read(bytes)?;
             let calibrated = model_of(&info, (info.width as usize, info.height as usize), 1.0).is_some();
-            calibrated.then(|| of(info.header, Kind::Info, (info.width, info.height)))
+            let of_part = picture_size(&info);
+            calibrated.then(|| of(info.header, Kind::Info { of_part }, (info.width, info.height)))
         }
         _ => None,
     })
@@ -257,6 +264,7 @@ fn parts(namespace: &str) -> impl Iterator<Item = &str> {
 mod tests {
     use super::*;
     use crate::sources::synthetic::{self, SyntheticMessage};
+    use repose_ros_messages::encode;
 
     fn chosen(messages: &[SyntheticMessage], wanted: &Topics) -> Option<[String; 3]> {
         let mut survey = Survey::default();
@@ -330,6 +338,11 @@ mod tests {
         // Another size is another camera's, or another mode's.
         let size = [info("/a/camera_info", "a", 8), info("/c/camera_info", "a", 4), depth()];
         assert_eq!(chosen(&size, &Topics::default()), topics("/a/depth", "/c/camera_info", ""));
+        // A camera that bins tells the whole picture's.
+        let whole = info("/a/camera_info", "a", 8);
+        let halved = CameraInfo { binning_x: 2, binning_y: 2, ..CameraInfo::read(&whole.bytes).unwrap() };
+        let binned = SyntheticMessage { bytes: encode(&halved, "sensor_msgs/msg/CameraInfo").unwrap(), ..whole };
+        assert_eq!(chosen(&[binned, depth()], &Topics::default()), topics("/a/depth", "/a/camera_info", ""));
         // Of two depth topics the one that can be used.
         let usable = [image("/b/depth", "b", "16UC1", 4), depth(), info("/a/camera_info", "a", 4)];
         assert_eq!(chosen(&usable, &Topics::default()), topics("/a/depth", "/a/camera_info", ""));

@@ -120,15 +120,33 @@ pub fn check_rays(sample: &[SampledPoint], camera: &CameraModel) -> Result<(), M
     if off * 2 > sample.len() { Err(MessageError::NotOptical { off_percent: off * 100 / sample.len() }) } else { Ok(()) }
 }
 
+/// Columns and rows of the pictures that intrinsics are told with: a part of the whole where they are cropped, fewer where they are binned.
+pub fn picture_size(info: &CameraInfo) -> (u32, u32) {
+    // A part without an extent stands for the whole.
+    let has_part = info.roi.width > 0 && info.roi.height > 0;
+    let (width, height) = if has_part { (info.roi.width, info.roi.height) } else { (info.width, info.height) };
+    (width / info.binning_x.max(1), height / info.binning_y.max(1))
+}
+
 /// The camera of pictures of a size; `None` when the intrinsics are of another size or are none.
+///
+/// K and P are of the whole picture. What is cropped begins at its part's corner, and a pixel of what is binned or thinned out is several of the
+/// whole, as ROS's own `image_geometry` reckons.
 pub fn model_of(info: &CameraInfo, (width, height): (usize, usize), depth_unit_m: f64) -> Option<CameraModel> {
-    if (info.width as usize, info.height as usize) != (width, height) {
-        return None;
-    }
+    let is_size = |(columns, rows): (u32, u32)| (columns as usize, rows as usize) == (width, height);
+    // Drivers that tell the pictures' own size have turned K and P into theirs, whatever part of the sensor they tell.
+    let [left, top, columns, rows] = match is_size((info.width, info.height)) {
+        true => [0.0, 0.0, 1.0, 1.0],
+        false if is_size(picture_size(info)) => {
+            [info.roi.x_offset, info.roi.y_offset, info.binning_x.max(1), info.binning_y.max(1)].map(f64::from)
+        }
+        false => return None,
+    };
     // A rectified picture has the intrinsics of the projection; without rectification that is empty.
     let [of_p_fx, _, of_p_cx, _, _, of_p_fy, of_p_cy, ..] = info.p;
     let [of_k_fx, _, of_k_cx, _, of_k_fy, of_k_cy, ..] = info.k;
     let [fx, fy, cx, cy] = if of_p_fx > 0.0 { [of_p_fx, of_p_fy, of_p_cx, of_p_cy] } else { [of_k_fx, of_k_fy, of_k_cx, of_k_cy] };
+    let [fx, fy, cx, cy] = [fx / columns, fy / rows, (cx - left) / columns, (cy - top) / rows];
     let model = CameraModel { width, height, fx, fy, cx, cy, depth_unit_m, world_from_camera: None };
     model.validate().is_ok().then_some(model)
 }
@@ -143,6 +161,7 @@ fn count_of(depth_m: f32) -> u16 {
 mod tests {
     use super::*;
     use crate::common::Header;
+    use crate::sensor::RegionOfInterest;
     use crate::synthetic;
 
     #[test]
@@ -153,6 +172,33 @@ mod tests {
         info.p = [4.0, 0.0, 1.25, -0.2, 0.0, 4.5, 1.75, 0.0, 0.0, 0.0, 1.0, 0.0];
         assert_eq!(intrinsics(&info), Some([4.0, 4.5, 1.25, 1.75]));
         assert_eq!(model_of(&info, (4, 5), 0.001), None);
+    }
+
+    #[test]
+    fn pictures_that_are_cropped_or_binned_have_their_share_of_the_whole_ones_intrinsics() {
+        let whole = CameraInfo {
+            width: 640,
+            height: 480,
+            k: [500.0, 0.0, 320.0, 0.0, 510.0, 240.0, 0.0, 0.0, 1.0],
+            ..CameraInfo::read(&synthetic::info("camera", 4)).unwrap()
+        };
+        let roi = RegionOfInterest { x_offset: 100, y_offset: 60, width: 400, height: 300, do_rectify: false };
+        let intrinsics = |info: &CameraInfo, size| model_of(info, size, 0.001).map(|m| [m.fx, m.fy, m.cx, m.cy]);
+        let cropped = CameraInfo { roi, ..whole.clone() };
+        assert_eq!(intrinsics(&cropped, (400, 300)), Some([500.0, 510.0, 220.0, 180.0]));
+        let binned = CameraInfo { binning_x: 2, binning_y: 4, ..whole.clone() };
+        assert_eq!(intrinsics(&binned, (320, 120)), Some([250.0, 127.5, 160.0, 60.0]));
+        let both = CameraInfo {
+            roi,
+            binning_x: 2,
+            binning_y: 2,
+            p: [400.0, 0.0, 310.0, 0.0, 0.0, 410.0, 250.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+            ..whole
+        };
+        assert_eq!(intrinsics(&both, (200, 150)), Some([200.0, 205.0, 105.0, 95.0]));
+        // What has the size that is told has the intrinsics that are told.
+        assert_eq!(intrinsics(&both, (640, 480)), Some([400.0, 410.0, 310.0, 250.0]));
+        assert_eq!(intrinsics(&both, (320, 240)), None);
     }
 
     #[test]
