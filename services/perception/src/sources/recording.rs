@@ -31,6 +31,8 @@ pub struct Recording {
     messages: Option<Messages>,
     /// None until topics were chosen.
     assembly: Option<Assembly>,
+    /// Why it ends early, which is told after the frames that were waiting then.
+    damage: Option<SourceError>,
     ended: bool,
 }
 
@@ -42,7 +44,7 @@ impl Recording {
     pub fn open(path: &Path, files: Vec<PathBuf>, topics: Topics) -> Result<Self, SourceError> {
         let mut files = VecDeque::from(files);
         let messages = files.pop_front().map(|first| Messages::open(&first)).transpose()?;
-        Ok(Self { path: path.to_owned(), topics, files, messages, assembly: None, ended: false })
+        Ok(Self { path: path.to_owned(), topics, files, messages, assembly: None, damage: None, ended: false })
     }
 
     /// The topics that the frames are made of.
@@ -116,13 +118,24 @@ impl Recording {
             if let Some(frame) = assembly.ready().map_err(|error| at(messages.path(), assembly.chosen().depth.clone(), error))? {
                 return Ok(Some(frame));
             }
-            match messages.next(|channel, _, bytes| assembly.take(channel, bytes).map_err(|error| (channel.topic.clone(), error)))? {
-                Some(taken) => taken.map_err(|(topic, error)| at(messages.path(), topic, error))?,
-                None => self.messages = self.files.pop_front().map(|file| Messages::open(&file)).transpose()?,
+            match messages.next(|channel, _, bytes| assembly.take(channel, bytes).map_err(|error| (channel.topic.clone(), error))) {
+                Ok(Some(taken)) => taken.map_err(|(topic, error)| at(messages.path(), topic, error))?,
+                Ok(None) => self.messages = self.files.pop_front().map(|file| Messages::open(&file)).transpose()?,
+                Err(damage) => {
+                    (self.damage, self.messages) = (Some(damage), None);
+                    self.files.clear();
+                }
             }
         }
         let topic = assembly.chosen().depth.clone();
-        assembly.finish().map_err(|error| SourceError::Message { path: self.path.clone(), topic, error })
+        let waiting = assembly.finish().map_err(|error| SourceError::Message { path: self.path.clone(), topic, error })?;
+        match (waiting, self.damage.take()) {
+            (None, Some(damage)) => Err(damage),
+            (waiting, damage) => {
+                self.damage = damage;
+                Ok(waiting)
+            }
+        }
     }
 }
 
@@ -179,6 +192,24 @@ mod tests {
         let error =
             first(&[synthetic::info("/b/camera_info", "b", 40), tilted], &Topics { clouds: true, ..Topics::default() }).unwrap_err();
         assert!(matches!(error, SourceError::Message { error: MessageError::NotOptical { .. }, .. }), "{error}");
+    }
+
+    #[test]
+    fn what_waits_when_a_recording_is_cut_off_are_frames_and_then_that_is_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("recording.mcap");
+        let (image, info) = (synthetic::image, synthetic::info);
+        let mut later = image("/a/depth", "a", "16UC1", 4);
+        later.bytes[4..8].copy_from_slice(&8u32.to_le_bytes());
+        // The color of the second depth image, for which that waits, is behind the cut.
+        let seen = [info("/a/camera_info", "a", 4), image("/a/color", "a", "rgb8", 4), image("/a/depth", "a", "16UC1", 4), later];
+        synthetic::record(&file, &seen);
+        let whole = std::fs::read(&file).unwrap();
+        std::fs::write(&file, &whole[..whole.len() - 20]).unwrap();
+        let frames: Vec<_> = sources::open(&file, &Topics::default()).unwrap().collect();
+        let stamps: Vec<u64> = frames.iter().flatten().map(|frame| frame.stamp_ns / 1_000_000_000).collect();
+        assert_eq!((stamps, frames.len()), (vec![7, 8], 3));
+        assert!(matches!(frames.last(), Some(Err(SourceError::Recording { .. }))));
     }
 
     #[test]
