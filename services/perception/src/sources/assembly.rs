@@ -129,9 +129,13 @@ impl Assembly {
         if !has_camera {
             return behind == 0;
         }
-        let has_color = self.chosen.color.is_none() || first.seen.color.is_some() || self.color_of(first).is_some();
-        let is_later = |color: &Stamped<Color>| (1..OTHER_CLOCK_NS).contains(&color.stamp_ns.saturating_sub(first.stamp_ns));
-        !has_color && behind < MOST_BEHIND && !self.colors.iter().any(is_later)
+        let needs_none = self.chosen.color.is_none() || first.seen.color.is_some();
+        // Of a fast camera the color before is within the limits, too: only one that is not before says that no nearer one can come.
+        let is_not_before = |color: &Stamped<Color>| {
+            let ahead_ns = color.stamp_ns.checked_sub(first.stamp_ns);
+            ahead_ns.is_some_and(|ahead_ns| ahead_ns < OTHER_CLOCK_NS)
+        };
+        !needs_none && behind < MOST_BEHIND && !self.colors.iter().any(is_not_before)
     }
 
     /// The color image of a depth image's size and instant, the nearest one.
@@ -214,6 +218,16 @@ mod tests {
         assert_eq!(paired(&[info(), d0, d1, d2, c0, d3, c1, c2, c3]), all);
         let ([d0, d1, d2, d3], [c0, c1, c2, c3]) = (d, c);
         assert_eq!(paired(&[info(), c0, c1, c2, d0, d1, c3, d2, d3]), all);
+    }
+
+    #[test]
+    fn depth_of_a_fast_camera_waits_for_its_own_color_though_the_one_before_is_near() {
+        let pictures: Vec<SyntheticMessage> =
+            [(1000, 0), (1016, 1), (1033, 2)].into_iter().flat_map(|(ms, last)| [depth(ms), color(ms, last)]).collect();
+        let messages: Vec<SyntheticMessage> = [synthetic::info("/a/camera_info", "a", 4)].into_iter().chain(pictures).collect();
+        assert_eq!(paired(&messages), [(1000, Some(0)), (1016, Some(1)), (1033, Some(2))]);
+        // Where no other comes the one before is the nearest.
+        assert_eq!(paired(&messages[..4]), [(1000, Some(0)), (1016, Some(0))]);
     }
 
     #[test]
