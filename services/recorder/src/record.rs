@@ -4,6 +4,8 @@
 //! heard, and counted: a recording slows nobody down, and says what it lacks.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use repose_proto::load::WorkerLoad;
@@ -54,7 +56,8 @@ pub async fn record(
     let (chunk_period, looks) = (settings.chunk_period, settings.looks);
     let topic = format!("repose/v1/{}/{}", cell.name(), crate::file::SCENE_TOPIC);
     let lost = LostMessages::default();
-    let writer = Writer::new(parts, topic, looks, lost.clone());
+    let turns = Arc::<AtomicUsize>::default();
+    let writer = Writer::new(parts, topic, looks, lost.clone(), turns.clone());
     let mut writing = begin_writing(writer, captured, chunk_period);
 
     let subscribe = async |key: String, room: usize| session.subscribe_queue(&key, room).await;
@@ -73,7 +76,8 @@ pub async fn record(
         frame_due: BTreeMap::new(),
         picture_due: BTreeMap::new(),
         scene_due: BTreeMap::new(),
-        asked_for: BTreeSet::new(),
+        asked_for: AskedFor::default(),
+        turns,
     };
     let mut recorder = Some(session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?);
     begun(&silent(session).await?);
@@ -197,12 +201,27 @@ struct Capture {
     frame_due: BTreeMap<String, Instant>,
     picture_due: BTreeMap<String, Instant>,
     scene_due: BTreeMap<String, Instant>,
-    /// Scenes that were fetched already, or are being fetched.
-    asked_for: BTreeSet<String>,
+    asked_for: AskedFor,
+    /// How often the writer has turned to the next file.
+    turns: Arc<AtomicUsize>,
 }
 
 /// Ids of scenes that are remembered as fetched; then all are forgotten and may be fetched again.
 const REMEMBERED: usize = 4096;
+
+/// Scenes that were fetched already, or are being fetched, with the file that was open then.
+#[derive(Default)]
+struct AskedFor(BTreeMap<String, usize>);
+
+impl AskedFor {
+    /// Takes note that somebody asks about a scene while a file is open; which file was, where somebody has before.
+    fn again(&mut self, scene_id: &str, file: usize) -> Option<usize> {
+        if self.0.len() >= REMEMBERED {
+            self.0.clear();
+        }
+        self.0.insert(scene_id.to_owned(), file)
+    }
+}
 
 impl Capture {
     fn take(&mut self, message: Message) {
@@ -241,17 +260,18 @@ impl Capture {
         }
     }
 
-    /// Fetches a scene, once.
+    /// Fetches a scene, once a file: of those in the files before, the writer has the last few at hand and no others.
     fn fetch(&mut self, scene_id: String) {
-        if self.asked_for.len() >= REMEMBERED {
-            self.asked_for.clear();
-        }
-        if !self.asked_for.insert(scene_id.clone()) {
+        let file = self.turns.load(Ordering::Relaxed);
+        let before = self.asked_for.again(&scene_id, file);
+        if before.is_some() {
             // The file may be another one by now.
-            let captured = Captured::Asked { scene_id };
+            let captured = Captured::Asked { scene_id: scene_id.clone() };
             if self.to_file.try_send(captured).is_err() {
                 self.lost.add("scenes", 1);
             }
+        }
+        if before == Some(file) {
             return;
         }
         let (perception, to_file, lost) = (self.perception.clone(), self.to_file.clone(), self.lost.clone());
@@ -295,4 +315,27 @@ fn scene_asked_about(payload: &Payload) -> Option<String> {
     }
     let request: serde_json::Value = serde_json::from_slice(&payload.bytes).ok()?;
     Some(request.get("scene")?.get("scene_id")?.as_str()?.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_is_fetched_again_for_each_file_in_which_somebody_asks_about_it() {
+        let mut asked_for = AskedFor::default();
+        let files = [0, 0, 0, 1, 1, 3];
+        let fetched = files.map(|file| asked_for.again("one", file) != Some(file));
+        assert_eq!(fetched, [true, false, false, true, false, true]);
+        assert_eq!(asked_for.again("another", 3), None, "nobody has before");
+    }
+
+    #[test]
+    fn what_is_remembered_of_scenes_is_bounded() {
+        let mut asked_for = AskedFor::default();
+        for scene in 0..3 * REMEMBERED {
+            asked_for.again(&scene.to_string(), 0);
+        }
+        assert!(asked_for.0.len() <= REMEMBERED);
+    }
 }

@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use lru::LruCache;
@@ -71,16 +73,18 @@ pub struct Writer {
     in_file: BTreeSet<String>,
     messages: BTreeMap<&'static str, u64>,
     lost: LostMessages,
+    /// How often it has turned to the next file, for those who capture.
+    turns: Arc<AtomicUsize>,
     /// The number that each journal's next copy must have.
     next_copy: BTreeMap<String, u64>,
 }
 
 impl Writer {
-    /// A writer of `parts`; whole scenes go to `scene_topic`. What is not written is added to `lost`.
-    pub fn new(parts: RecordingFiles, scene_topic: String, looks: bool, lost: LostMessages) -> Self {
+    /// A writer of `parts`; whole scenes go to `scene_topic`. What is not written is added to `lost`, and each turn to the next file to `turns`.
+    pub fn new(parts: RecordingFiles, scene_topic: String, looks: bool, lost: LostMessages, turns: Arc<AtomicUsize>) -> Self {
         let looker = looks.then(Looker::default);
         let (in_file, messages, next_copy) = (BTreeSet::new(), BTreeMap::new(), BTreeMap::new());
-        Self { parts, scene_topic, looker, scenes: LruCache::new(SCENES), in_file, messages, lost, next_copy }
+        Self { parts, scene_topic, looker, scenes: LruCache::new(SCENES), in_file, messages, lost, turns, next_copy }
     }
 
     /// Writes until nobody sends any more; what was heard is in the file after `chunk_period` at most. Blocks: not for async code.
@@ -102,6 +106,7 @@ impl Writer {
                 self.parts.open().flush()?;
                 if self.parts.turn()? {
                     self.in_file.clear();
+                    self.turns.fetch_add(1, Ordering::Relaxed);
                 }
             }
         }
