@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -131,7 +132,7 @@ impl Player<'_> {
             Ok::<_, CallError>(scene.summary(scene.id()))
         });
         let summary = scene.await.map_err(|e| CallError::internal(format!("the scene was lost: {e}")))??;
-        let summary = self.scenes.came(summary, payload);
+        let Some(summary) = self.scenes.came(summary, payload) else { return Ok(()) };
         let key = self.cell.scene(&summary.camera);
         self.session.put(&key, Payload::json(&summary)?, Traffic::Scene).await?;
         self.count("scenes");
@@ -147,8 +148,18 @@ impl Player<'_> {
 struct Scenes {
     whole: SceneStore<Payload>,
     /// The newest scene of each camera, and what was said of each that has not come yet.
-    newest: Mutex<BTreeMap<String, SceneSummary>>,
-    announced: Mutex<BTreeMap<String, SceneSummary>>,
+    newest: Mutex<BTreeMap<String, Announced>>,
+    announced: Mutex<BTreeMap<String, Announced>>,
+    /// Announcements so far.
+    count: AtomicU64,
+}
+
+/// What was said of a scene.
+#[derive(Debug, Clone)]
+struct Announced {
+    summary: SceneSummary,
+    /// As which of all announcements.
+    number: u64,
 }
 
 impl Default for Scenes {
@@ -157,6 +168,7 @@ impl Default for Scenes {
             whole: SceneStore::new(SCENES, SCENE_BYTES, |payload| payload.bytes.len()),
             newest: Mutex::default(),
             announced: Mutex::default(),
+            count: AtomicU64::default(),
         }
     }
 }
@@ -168,16 +180,30 @@ impl Scenes {
         if announced.len() > SCENES {
             announced.clear();
         }
-        announced.insert(summary.scene_id.clone(), summary);
+        let number = self.count.fetch_add(1, Ordering::Relaxed) + 1;
+        announced.insert(summary.scene_id.clone(), Announced { summary, number });
     }
 
-    /// Keeps a scene that came; what is said of it is what was said when it was recorded, where that is known.
-    fn came(&self, own: SceneSummary, payload: Payload) -> SceneSummary {
+    /// Keeps a scene that came; what is said of it, where it is its camera's newest, is what was said when it was recorded, if that is known.
+    ///
+    /// A scene is recorded whenever somebody asks about it, and again in the next file: it may come long after newer ones.
+    fn came(&self, own: SceneSummary, payload: Payload) -> Option<SceneSummary> {
+        self.whole.keep(&own.scene_id, Arc::new(payload));
         let announced = self.announced.lock().unwrap_or_else(PoisonError::into_inner).remove(&own.scene_id);
-        let summary = announced.unwrap_or(own);
-        self.whole.keep(&summary.scene_id, Arc::new(payload));
-        self.newest.lock().unwrap_or_else(PoisonError::into_inner).insert(summary.camera.clone(), summary.clone());
-        summary
+        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = newest.get(&own.camera);
+        let is_newest = match &announced {
+            Some(own) => before.is_none_or(|before| before.number < own.number),
+            None => before.is_none_or(|before| before.summary.stamp_ns <= own.stamp_ns),
+        };
+        if !is_newest {
+            return None;
+        }
+        let number = before.map_or(0, |before| before.number);
+        let kept = announced.unwrap_or(Announced { summary: own, number });
+        let summary = kept.summary.clone();
+        newest.insert(summary.camera.clone(), kept);
+        Some(summary)
     }
 }
 
@@ -187,7 +213,7 @@ impl Handler for Scenes {
         match call.method.as_str() {
             "latest" => {
                 let LatestRequest { camera } = call.payload.decode_json()?;
-                let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner).get(&camera).cloned();
+                let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner).get(&camera).map(|newest| newest.summary.clone());
                 let missing = || CallError::not_found("camera", format!("no scene of camera {camera:?} has been played yet"));
                 Payload::json(&newest.ok_or_else(missing)?)
             }
@@ -197,5 +223,43 @@ impl Handler for Scenes {
             }
             _ => Err(call.unknown_method()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn summary(scene_id: &str, stamp_ns: u64) -> SceneSummary {
+        SceneSummary {
+            scene_id: scene_id.to_owned(),
+            camera: "front".to_owned(),
+            stamp_ns,
+            objects: Vec::new(),
+            surfaces: Vec::new(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_scene_that_comes_after_newer_ones_can_be_asked_for_and_is_not_the_newest() {
+        let scenes = Scenes::default();
+        let came = |scene_id: &str, stamp_ns: u64| {
+            let payload = Payload { encoding: String::new(), bytes: Vec::new().into() };
+            scenes.came(summary(scene_id, stamp_ns), payload).map(|summary| summary.scene_id)
+        };
+        let is_newest = |scene_id: &str| scenes.newest.lock().unwrap()["front"].summary.scene_id == scene_id;
+        ["a", "b", "c"].iter().zip(1..).for_each(|(scene_id, stamp_ns)| scenes.announced(summary(scene_id, stamp_ns)));
+        assert_eq!((came("a", 1), came("c", 3)), (Some("a".to_owned()), Some("c".to_owned())));
+        // One that was asked about late, and one that the next file holds again.
+        assert_eq!((came("b", 2), came("a", 1)), (None, None));
+        assert!(is_newest("c") && ["a", "b", "c"].iter().all(|scene_id| scenes.whole.get(scene_id).is_ok()));
+        // A clock that was set back: what is announced later is newer.
+        scenes.announced(summary("d", 0));
+        assert_eq!(came("d", 0), Some("d".to_owned()));
+        // Nobody announced it, as scenes that a caller had made.
+        assert_eq!(came("e", 4), Some("e".to_owned()));
+        assert!(is_newest("e"));
     }
 }
