@@ -22,6 +22,10 @@ use crate::file::reading::{RecordedMessage, RecordingReader};
 /// Scenes that can be asked for, and their bytes at most.
 const SCENES: usize = 64;
 const SCENE_BYTES: usize = 256 << 20;
+/// Longest time between two messages that is played as long as it was, nanoseconds.
+const LONGEST_PAUSE_NS: u64 = 600_000_000_000;
+/// By how much a message may be before the one that was written before it, nanoseconds, while the clock goes on.
+const OUT_OF_ORDER_NS: u64 = 1_000_000_000;
 
 /// How a recording is played.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,7 +66,8 @@ pub async fn play(session: &Session, settings: &PlaySettings, shutdown: &Shutdow
     }
     let scenes = Arc::new(Scenes::default());
     let server = session.start(Service::Perception, scenes.clone()).await?;
-    let mut player = Player { session, cell, scenes, speed: settings.speed, begun: None, played: Played::default() };
+    let (timeline, played) = (Timeline::default(), Played::default());
+    let mut player = Player { session, cell, scenes, speed: settings.speed, begun: None, timeline, played };
     let mut ended = Ok(());
     for file in &settings.files {
         tokio::select! {
@@ -82,19 +87,47 @@ struct Player<'a> {
     cell: Cell,
     scenes: Arc<Scenes>,
     speed: f64,
-    /// When the first message was played, and when it was recorded.
-    begun: Option<(Instant, u64)>,
+    /// When the first message was played.
+    begun: Option<Instant>,
+    timeline: Timeline,
     played: Played,
+}
+
+/// How far a recording is, by the clock of the computer that made it. That may have been set meanwhile, as computers without a battery for it do
+/// that are told the time after their start.
+#[derive(Debug, Default)]
+struct Timeline {
+    /// When the last message was heard.
+    last_ns: Option<u64>,
+    since: Duration,
+}
+
+impl Timeline {
+    /// How long after the first message one comes that was heard then. What nobody would wait for passes at once: a clock that was set, or a cell at
+    /// rest.
+    fn at(&mut self, at_ns: u64) -> Duration {
+        let last_ns = *self.last_ns.get_or_insert(at_ns);
+        let (ahead_ns, back_ns) = (at_ns.saturating_sub(last_ns), last_ns.saturating_sub(at_ns));
+        if ahead_ns <= LONGEST_PAUSE_NS {
+            self.since += Duration::from_nanos(ahead_ns);
+        }
+        if ahead_ns > 0 || back_ns > OUT_OF_ORDER_NS {
+            self.last_ns = Some(at_ns);
+        }
+        self.since
+    }
 }
 
 impl Player<'_> {
     async fn file(&mut self, file: &std::path::Path) -> Result<(), RecordingError> {
         let mut reading = RecordingReader::open(file)?;
         while let Some(recorded) = reading.next_message()? {
-            let (begun, first_ns) = *self.begun.get_or_insert((Instant::now(), recorded.at_ns));
-            let since = Duration::from_nanos(recorded.at_ns.saturating_sub(first_ns));
+            // Scenes that are in the next file again say when they came first.
+            let is_scene = keys::last_chunk(&recorded.topic) == SCENE_TOPIC;
+            let since = if is_scene { self.timeline.since } else { self.timeline.at(recorded.at_ns) };
+            let begun = *self.begun.get_or_insert_with(Instant::now);
             tokio::time::sleep_until(begun + since.div_f64(self.speed)).await;
-            self.played.seconds = self.played.seconds.max(since.as_secs_f64());
+            self.played.seconds = since.as_secs_f64();
             self.message(recorded).await?;
         }
         self.played.cut.extend(reading.cut().map(|reason| format!("{}: {reason}", file.display())));
@@ -239,6 +272,26 @@ mod tests {
             surfaces: Vec::new(),
             left_out: Vec::new(),
             warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_recording_is_played_on_where_the_clock_was_set_while_it_was_made() {
+        const S: u64 = 1_000_000_000;
+        let set = 1_700_000_000 * S;
+        let mut timeline = Timeline::default();
+        for (at_ns, since_ms) in [
+            (5 * S, 0),
+            (6 * S, 1000),
+            (6 * S - 1, 1000),
+            (7 * S, 2000),
+            // It is told the time, and that an hour later once more.
+            (set, 2000),
+            (set + S, 3000),
+            (set - 3600 * S, 3000),
+            (set - 3600 * S + S / 2, 3500),
+        ] {
+            assert_eq!(timeline.at(at_ns), Duration::from_millis(since_ms), "{at_ns}");
         }
     }
 
