@@ -4,7 +4,7 @@
 
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 use repose_proto::limits::MAX_IMAGE_SIDE;
-use repose_ros_messages::frames::DEPTH_UNIT_M;
+use repose_ros_messages::frames::counts_of;
 use repose_ros_messages::pictures::{Color, Depth};
 use repose_ros_messages::{CompressedImage, MessageError};
 use zune_jpeg::JpegDecoder;
@@ -58,16 +58,16 @@ pub fn depth(message: &CompressedImage) -> Result<Depth, MessageError> {
                 let expected = "a positive depthQuantA and a finite depthQuantB in the header of 32FC1";
                 return Err(MessageError::Unsupported { field: "data", got: format!("{a} and {b}"), expected });
             }
-            Ok(Depth { width, height, unit_m: DEPTH_UNIT_M, counts: counts.into_iter().map(|inverse| count_of(inverse, a, b)).collect() })
+            let (counts, unit_m) = counts_of(counts.iter().map(|inverse| depth_m_of(*inverse, a, b)));
+            Ok(Depth { width, height, unit_m, counts })
         }
         _ => Err(unsupported(&message.format)),
     }
 }
 
-/// Depth counts of what stands for the inverse of a depth, `a / depth + b`; 0 is no reading.
-fn count_of(inverse: u16, a: f64, b: f64) -> u16 {
-    let counts = (a / (f64::from(inverse) - b) / DEPTH_UNIT_M).round();
-    if inverse > 0 && counts >= 1.0 && counts <= f64::from(u16::MAX) { counts as u16 } else { 0 }
+/// The depth of a number that stands for its inverse, `a / depth + b`, metres; NaN for 0, which is no reading.
+fn depth_m_of(inverse: u16, a: f64, b: f64) -> f64 {
+    if inverse > 0 { a / (f64::from(inverse) - b) } else { f64::NAN }
 }
 
 fn png_counts(png: &[u8]) -> Result<(usize, usize, Vec<u16>), MessageError> {

@@ -38,10 +38,10 @@ impl From<Depth> for Sight {
 /// # Errors
 /// [`MessageError`] for a cloud that is no picture, or shorter than it says.
 pub fn sight(cloud: &PointCloud2) -> Result<Sight, MessageError> {
-    let CloudPicture { counts, colors, sample } = depth_of_cloud(cloud)?;
+    let CloudPicture { counts, unit_m, colors, sample } = depth_of_cloud(cloud)?;
     let (width, height) = (cloud.width as usize, cloud.height as usize);
     let color = colors.map(|pixels| Color { width, height, pixels });
-    Ok(Sight { depth: Depth { width, height, unit_m: DEPTH_UNIT_M, counts }, color, sample })
+    Ok(Sight { depth: Depth { width, height, unit_m, counts }, color, sample })
 }
 
 /// The camera that points show to their pixels in, by least squares.
@@ -108,6 +108,10 @@ mod tests {
         let cloud = PointCloud2::read(&synthetic::cloud("optical", SIDE, seen)).expect("a cloud");
         let sight = sight(&cloud).expect("a picture");
         assert_eq!((sight.depth.counts[0], sight.depth.counts[(SIDE * SIDE - 1) as usize], sight.color), (10_000, 13_900, None));
+        let hall =
+            PointCloud2::read(&synthetic::cloud("optical", SIDE, |row, column| seen(row, column).map(|m| 8.0 * m))).expect("a cloud");
+        let Depth { counts, unit_m, .. } = super::sight(&hall).expect("a picture").depth;
+        assert_eq!((counts[0], unit_m), (20_000, 4e-4), "past the things one sees to the end of the hall");
     }
 
     #[test]

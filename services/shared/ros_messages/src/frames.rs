@@ -7,6 +7,8 @@ use crate::sensor::{CameraInfo, PointCloud2, RosImage};
 
 /// Metres per count of depth that came as floats: fine enough for any depth camera, and 6.5 m fit.
 pub const DEPTH_UNIT_M: f64 = 1e-4;
+/// The same of pictures in which something is farther away, as the other end of a hall is: 26 m fit, and no depth camera measures more.
+const FAR_UNIT_M: f64 = 4e-4;
 /// Metres per count of integer depth, as the ROS convention (REP 118) has it.
 const INTEGER_UNIT_M: f64 = 1e-3;
 
@@ -30,7 +32,7 @@ pub fn depth_of_image(image: &RosImage) -> Result<(Vec<u16>, f64), MessageError>
         }
         "32FC1" => {
             let metres = |pixel: &[u8; 4]| if big { f32::from_be_bytes(*pixel) } else { f32::from_le_bytes(*pixel) };
-            Ok((pixels(image, |pixel: &[u8; 4]| count_of(metres(pixel)))?, DEPTH_UNIT_M))
+            Ok(counts_of(pixels(image, metres)?.iter().map(|depth_m| f64::from(*depth_m))))
         }
         other => Err(MessageError::Unsupported { field: "encoding", got: other.to_owned(), expected: "16UC1, mono16 or 32FC1" }),
     }
@@ -66,8 +68,10 @@ fn pixels<const N: usize, T>(image: &RosImage, read: impl Fn(&[u8; N]) -> T) -> 
 /// An organized cloud as pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloudPicture {
-    /// Depth, counts of [`DEPTH_UNIT_M`].
+    /// Depth counts.
     pub counts: Vec<u16>,
+    /// Metres per count.
+    pub unit_m: f64,
     /// Color, where every point has one.
     pub colors: Option<Vec<[u8; 3]>>,
     /// Some of the points, spread over the picture.
@@ -92,17 +96,18 @@ pub fn depth_of_cloud(cloud: &PointCloud2) -> Result<CloudPicture, MessageError>
         let got = format!("{} x {}", cloud.width, cloud.height);
         return Err(MessageError::Unsupported { field: "height", got, expected: ORGANIZED });
     }
-    let (mut counts, mut colors, mut sample) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut depths_m, mut colors, mut sample) = (Vec::new(), Vec::new(), Vec::new());
     let every = (cloud.width as usize * cloud.height as usize).div_ceil(SAMPLED_POINTS);
     for (pixel, (point_m, color)) in cloud.points()?.enumerate() {
-        counts.push(count_of(point_m[2]));
+        depths_m.push(point_m[2]);
         colors.extend(color);
         if pixel % every == 0 && point_m.iter().all(|c| c.is_finite()) && point_m != [0.0; 3] {
             sample.push(SampledPoint { pixel, point_m });
         }
     }
-    let colors = (colors.len() == counts.len()).then_some(colors);
-    Ok(CloudPicture { counts, colors, sample })
+    let colors = (colors.len() == depths_m.len()).then_some(colors);
+    let (counts, unit_m) = counts_of(depths_m.iter().map(|depth_m| f64::from(*depth_m)));
+    Ok(CloudPicture { counts, unit_m, colors, sample })
 }
 
 /// Checks that most points of a cloud lie on the rays of their pixels: only then is their z the depth.
@@ -151,9 +156,17 @@ pub fn model_of(info: &CameraInfo, (width, height): (usize, usize), depth_unit_m
     model.validate().is_ok().then_some(model)
 }
 
-/// Counts of a depth in metres; 0 for NaN, what is not in front, and what is too far.
-fn count_of(depth_m: f32) -> u16 {
-    let count = (f64::from(depth_m) / DEPTH_UNIT_M).round();
+/// Counts of depths in metres, and metres per count: as fine as what is farthest away allows. 0 for NaN, what is not in front, and what no camera
+/// measures. What is far behind a scene matters to it: one sees past the things to there.
+pub fn counts_of(depths_m: impl Iterator<Item = f64> + Clone) -> (Vec<u16>, f64) {
+    let is_far = |depth_m: f64| count_of(depth_m, DEPTH_UNIT_M) == 0 && count_of(depth_m, FAR_UNIT_M) > 0;
+    let unit_m = if depths_m.clone().any(is_far) { FAR_UNIT_M } else { DEPTH_UNIT_M };
+    (depths_m.map(|depth_m| count_of(depth_m, unit_m)).collect(), unit_m)
+}
+
+/// Counts of a depth in metres; 0 where it does not fit.
+fn count_of(depth_m: f64, unit_m: f64) -> u16 {
+    let count = (depth_m / unit_m).round();
     if count >= 1.0 && count <= f64::from(u16::MAX) { count as u16 } else { 0 }
 }
 
@@ -237,6 +250,9 @@ mod tests {
         }
         for (metres, count) in [(1.5f32, 15_000), (f32::NAN, 0), (-1.0, 0), (f32::INFINITY, 0)] {
             assert_eq!(depth_of_image(&image("32FC1", &metres.to_be_bytes(), 1)), Ok((vec![count; 2], 1e-4)));
+        }
+        for (metres, count, unit_m) in [(6.5f32, 65_000, 1e-4), (8.0, 20_000, 4e-4), (30.0, 0, 1e-4)] {
+            assert_eq!(depth_of_image(&image("32FC1", &metres.to_le_bytes(), 0)), Ok((vec![count; 2], unit_m)), "{metres} m");
         }
         let long = RosImage { width: u32::MAX, step: u32::MAX, height: u32::MAX, ..image("rgb8", &[1, 2, 3], 0) };
         assert!(matches!(color_of(&long), Err(MessageError::Short { .. })));
