@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 use repose_geometry::transform::from_row_major;
@@ -25,6 +26,8 @@ const SAME_BASE_M: f64 = 0.1;
 const FAR_M: f64 = 2.5;
 /// Parts of another robot that are farther than this from a robot's base cannot be met, metres.
 const BEYOND_M: f64 = 1.3;
+/// Between two looks at the others while a robot moves: less than between two of their states.
+const LOOK: Duration = Duration::from_millis(10);
 /// What planning keeps away from another robot beside all that it keeps away from the scene, metres: bases are known to a centimetre or two.
 const ROOM_M: f64 = 0.03;
 
@@ -79,6 +82,18 @@ impl Neighbours {
             let message = format!("robot {} stands within reach and is doing something: one of them moves at a time", busy.name);
             Err(CallError::precondition(message).at("robot"))
         })
+    }
+
+    /// Waits until a robot beside one does something, and says which. Robots that begin at the same moment pass [`Neighbours::check_still`] both, for
+    /// neither has told yet that it has begun; and whoever else moves one does not ask here.
+    pub async fn begun_beside(&self, robot: &str) -> String {
+        let mut looks = tokio::time::interval(LOOK);
+        loop {
+            looks.tick().await;
+            if let Err(begun) = self.check_still(robot) {
+                return begun.message;
+            }
+        }
     }
 
     /// Checks a plan against the robots beside its own, where they stand now.
@@ -150,9 +165,9 @@ mod tests {
             told.put(Payload::json(state).expect("a payload")).await.expect("put");
         }
         let all_told = || neighbours.told.lock().expect("what was told").len() == states.len();
-        tokio::time::timeout(std::time::Duration::from_secs(10), async {
+        tokio::time::timeout(Duration::from_secs(10), async {
             while !all_told() {
-                tokio::time::sleep(std::time::Duration::from_millis(5)).await;
+                tokio::time::sleep(Duration::from_millis(5)).await;
             }
         })
         .await

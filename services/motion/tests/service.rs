@@ -208,6 +208,33 @@ async fn an_execution_reports_its_phases_and_happens_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn an_arm_comes_to_rest_where_one_beside_it_begins_to_do_something() {
+    let running = Running::start().await;
+    let robot = running.robot(Robot::new()).await;
+    let mut slow = MotionPlan { scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() };
+    slow.phases.iter_mut().flat_map(|phase| &mut phase.set_points).for_each(|point| point.t_ms *= 10.0);
+    let (progress, mut progressed) = tokio::sync::mpsc::channel(16);
+    let options = CallOptions { progress: Some(progress), ..CallOptions::at_most_once(Duration::from_secs(30)) };
+    let executing = running.caller.call("execute", Payload::json(&slow).unwrap(), options);
+    let mut across = Robot::new().state;
+    let base = RigidTransform([1.0, 0.0, 0.0, 0.9, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    (across.mode, across.world_from_base) = (RobotMode::Moving, Some(base));
+    let beginning = async {
+        // Each has been found standing still by the other.
+        progressed.recv().await.unwrap();
+        let told = running.session.cell().robot_state("across");
+        running.session.put(&told, Payload::json(&across).unwrap(), Traffic::RobotState).await.unwrap();
+    };
+    let (answer, ()) = tokio::join!(executing, beginning);
+    let reply: ExecuteReply = answer.unwrap().payload.decode_json().unwrap();
+    assert_eq!((reply.outcome, reply.phase), (ExecutionOutcome::Stopped, Phase::Standoff), "{reply:?}");
+    assert!(reply.reason.as_deref().is_some_and(|reason| reason.contains("robot across")), "{reply:?}");
+    let state = robot.lock().unwrap().state.clone();
+    assert_eq!((state.mode, state.open_task()), (RobotMode::Idle, None), "it stands, and its task is closed");
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_plan_cannot_make_its_scene_younger_than_it_is() {
     let running = Running::start().await;
     let robot = running.robot(Robot::new()).await;
