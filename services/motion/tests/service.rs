@@ -272,6 +272,16 @@ async fn a_way_back_is_not_checked_against_what_stood_there_before() {
     assert_eq!(refusal(home(10).await), stale, "the hand has moved something since");
     assert_eq!(robot.lock().unwrap().state.last_command, None, "nothing was sent");
     assert!(home(1).await.is_ok());
+
+    // What stood there long ago is held, and named; what is sent stands there now.
+    let before = Scene { stamp_ns: NOW_NS - 300_000_000_000, ..scene() };
+    running.call("plan", bulk(&request(&before), &before)).await.unwrap();
+    let mut now = Scene { stamp_ns: NOW_NS, ..before.clone() };
+    now.points[0][0] += 0.1;
+    let named = Some(SceneRef { scene_id: before.id() });
+    let request = RecoverRequest { robot: "panda".to_owned(), motion: RecoveryMove::Home, scene: named };
+    let error = running.call("recover", Payload::with_scene(&request, Some(&now)).unwrap()).await.unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some("scene.scene_id")), "{error}");
     running.stop().await;
 }
 
