@@ -134,10 +134,12 @@ impl Endpoints {
         let state = self.link.state(&request.robot).await?;
         check_free(&state)?;
         self.neighbours.check_still(&request.robot)?;
+        let stood = self.neighbours.stances(&request.robot);
         let beside = self.neighbours.solids(&request.robot);
         let (robot, checked_against) = (request.robot.clone(), request.scene.as_ref().map(|scene| scene.scene_id.clone()));
         let moves = request.motion != RecoveryMove::Open;
         let (phases, retreated_m) = self.worker.recover(call.context(), request, scene, &state, beside).await?;
+        self.neighbours.check_stances(&robot, &stood)?;
         let checked_against = checked_against.filter(|_| moves);
         if phases.is_empty() {
             let (outcome, joints_rad) = (ExecutionOutcome::Done, state.q_rad);

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 use repose_geometry::transform::from_row_major;
-use repose_panda::{LinkFrames, base_from_tcp, shoulder_in_base, spheres_in_base};
+use repose_panda::{JOINT_COUNT, Joints, LinkFrames, base_from_tcp, shoulder_in_base, spheres_in_base};
 use repose_proto::motion::MotionPlan;
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, Scene, keys};
@@ -28,6 +28,9 @@ const FAR_M: f64 = 2.5;
 const BEYOND_M: f64 = 1.3;
 /// Between two looks at the others while a robot moves: less than between two of their states.
 const LOOK: Duration = Duration::from_millis(10);
+/// A robot whose joints are all within this of where they were has not moved, radians: at the end of an arm that is a centimetre, less than what
+/// planning keeps away from it.
+const MOVED_RAD: f64 = 0.01;
 /// What planning keeps away from another robot beside all that it keeps away from the scene, metres: bases are known to a centimetre or two.
 const ROOM_M: f64 = 0.03;
 
@@ -80,6 +83,26 @@ impl Neighbours {
         let is_busy = |neighbour: &&Neighbour| neighbour.state.mode == RobotMode::Moving || neighbour.state.open_task().is_some();
         self.beside(robot).iter().find(is_busy).map_or(Ok(()), |busy| {
             let message = format!("robot {} stands within reach and is doing something: one of them moves at a time", busy.name);
+            Err(CallError::precondition(message).at("robot"))
+        })
+    }
+
+    /// How the robots beside one stand, by their names.
+    pub fn stances(&self, robot: &str) -> BTreeMap<String, Joints> {
+        self.beside(robot).into_iter().map(|neighbour| (neighbour.name, neighbour.state.q_rad)).collect()
+    }
+
+    /// Checks that the robots beside one stand still, where they stood when a way around them was planned: while it waited for its turn, and was
+    /// looked for, another may have moved and come to rest on it.
+    ///
+    /// # Errors
+    /// As [`Neighbours::check_still`], and where one stands elsewhere.
+    pub fn check_stances(&self, robot: &str, stood: &BTreeMap<String, Joints>) -> Result<(), CallError> {
+        self.check_still(robot)?;
+        let near = |a: &Joints, b: &Joints| (0..JOINT_COUNT).all(|i| (a[i] - b[i]).abs() <= MOVED_RAD);
+        let has_moved = |neighbour: &&Neighbour| stood.get(&neighbour.name).is_none_or(|q_rad| !near(q_rad, &neighbour.state.q_rad));
+        self.beside(robot).iter().find(has_moved).map_or(Ok(()), |moved| {
+            let message = format!("robot {} has moved within reach while the way was planned: ask again", moved.name);
             Err(CallError::precondition(message).at("robot"))
         })
     }
@@ -191,6 +214,15 @@ mod tests {
         assert!(neighbours.check_still("own").is_ok());
 
         let task = TaskState { id: Some("t".to_owned()) };
+        let stood = neighbours.stances("own");
+        assert_eq!(neighbours.check_stances("own", &stood), Ok(()));
+        let mut elsewhere = across.clone();
+        elsewhere.q_rad[0] += 1.0;
+        for (meanwhile, stood) in [(elsewhere, &stood), (across.clone(), &BTreeMap::new())] {
+            let refused = beside(&[("across", meanwhile)]).await.check_stances("own", stood).expect_err("it has moved, or come");
+            assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("across has moved"), "{refused}");
+        }
+
         for busy in [standing([0.9, 0.0], "moving"), RobotState { task: Some(task), ..across }] {
             let refused = beside(&[("across", busy)]).await.check_still("own").expect_err("it is doing something");
             assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("across"), "{refused}");
