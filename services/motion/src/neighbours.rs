@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 use repose_geometry::transform::from_row_major;
@@ -34,17 +34,27 @@ const MOVED_RAD: f64 = 0.01;
 /// What planning keeps away from another robot beside all that it keeps away from the scene, metres: bases are known to a centimetre or two.
 const ROOM_M: f64 = 0.03;
 
+/// A robot that has told nothing for longer than this is silent: states come twenty times a second or more often.
+const SILENT: Duration = Duration::from_secs(2);
+
+/// What a robot has told last, and when.
+struct LastState {
+    state: RobotState,
+    heard: Instant,
+}
+
 /// A robot beside another.
 struct Neighbour {
     name: String,
     state: RobotState,
+    heard: Instant,
     world_from_base: Isometry3<f64>,
 }
 
 /// What the robots of a cell have told last.
 pub struct Neighbours {
     world_from_base: Isometry3<f64>,
-    told: Arc<Mutex<BTreeMap<String, RobotState>>>,
+    told: Arc<Mutex<BTreeMap<String, LastState>>>,
     _following: JoinSet<()>,
 }
 
@@ -63,7 +73,7 @@ impl Neighbours {
                 let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json::<RobotState>()) else { continue };
                 let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
                 if heard.len() < MAX_ROBOTS || heard.contains_key(robot) {
-                    heard.insert(robot.to_owned(), state);
+                    heard.insert(robot.to_owned(), LastState { state, heard: Instant::now() });
                 }
             }
         });
@@ -81,10 +91,7 @@ impl Neighbours {
     /// `failed_precondition` on `robot` at the first that does not.
     pub fn check_still(&self, robot: &str) -> Result<(), CallError> {
         let is_busy = |neighbour: &&Neighbour| neighbour.state.mode == RobotMode::Moving || neighbour.state.open_task().is_some();
-        self.beside(robot).iter().find(is_busy).map_or(Ok(()), |busy| {
-            let message = format!("robot {} stands within reach and is doing something: one of them moves at a time", busy.name);
-            Err(CallError::precondition(message).at("robot"))
-        })
+        self.beside(robot).iter().find(is_busy).map_or(Ok(()), |busy| Err(CallError::precondition(busy.doing()).at("robot")))
     }
 
     /// How the robots beside one stand, by their names.
@@ -135,16 +142,31 @@ impl Neighbours {
     /// The robots that could meet one, by their names.
     fn beside(&self, robot: &str) -> Vec<Neighbour> {
         let told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-        let near = |(name, state): (&String, &RobotState)| {
+        let near = |(name, LastState { state, heard }): (&String, &LastState)| {
             let world_from_base: Isometry3<f64> = from_row_major(&state.world_from_base.as_ref()?.0).ok()?;
             let apart_m = (world_from_base.translation.vector - self.world_from_base.translation.vector).norm();
-            (SAME_BASE_M..FAR_M).contains(&apart_m).then(|| Neighbour { name: name.clone(), state: state.clone(), world_from_base })
+            let neighbour = || Neighbour { name: name.clone(), state: state.clone(), heard: *heard, world_from_base };
+            (SAME_BASE_M..FAR_M).contains(&apart_m).then(neighbour)
         };
         told.iter().filter(|(name, _)| *name != robot).filter_map(near).collect()
     }
 }
 
 impl Neighbour {
+    /// What is to be said of one that moves or has a task. One whose driver has died in the midst of that stays so, for nobody knows where it stands:
+    /// then that is what a person has to know.
+    fn doing(&self) -> String {
+        let (name, silent) = (&self.name, self.heard.elapsed());
+        if silent > SILENT {
+            let silent_s = silent.as_secs();
+            return format!(
+                "robot {name} stands within reach and was doing something when it was last heard of, {silent_s} s ago: nothing moves beside it \
+                 until its driver tells that it stands"
+            );
+        }
+        format!("robot {name} stands within reach and is doing something: one of them moves at a time")
+    }
+
     /// The arm, its hand and what it holds, as far as another can come to them, each larger by as much.
     fn solids(&self, other_base: &Isometry3<f64>, room_m: f64) -> Vec<ObstacleShape> {
         let frames = LinkFrames::at(&self.state.q_rad);
@@ -224,8 +246,15 @@ mod tests {
         }
 
         for busy in [standing([0.9, 0.0], "moving"), RobotState { task: Some(task), ..across }] {
-            let refused = beside(&[("across", busy)]).await.check_still("own").expect_err("it is doing something");
+            let neighbours = beside(&[("across", busy)]).await;
+            let refused = neighbours.check_still("own").expect_err("it is doing something");
             assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("across"), "{refused}");
+            assert!(!refused.message.contains("last heard"), "{refused}");
+            for last in neighbours.told.lock().expect("what was told").values_mut() {
+                last.heard = last.heard.checked_sub(7 * SILENT).expect("this machine has run for longer");
+            }
+            let refused = neighbours.check_still("own").expect_err("nobody knows where it stands");
+            assert!(refused.message.contains("was doing something when it was last heard of, 14 s ago"), "{refused}");
         }
     }
 }
