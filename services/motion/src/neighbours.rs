@@ -18,7 +18,7 @@ use crate::obstacles::ObstacleShape;
 
 /// States that wait to be read: hundreds of milliseconds of a few robots that tell theirs a thousand times a second.
 const WAITING: usize = 1024;
-/// Robots of a cell that are followed.
+/// Robots of a cell that are followed, those within reach first.
 const MAX_ROBOTS: usize = 16;
 /// Bases within this are one robot's, under two names, metres: no two arms stand there.
 const SAME_BASE_M: f64 = 0.1;
@@ -65,16 +65,14 @@ impl Neighbours {
     /// When the network refuses.
     pub async fn follow(session: &Session, world_from_base: Isometry3<f64>) -> Result<Self, RuntimeError> {
         let mut states = session.subscribe_queue(&session.cell().robot_states(), WAITING).await?;
-        let told = Arc::new(Mutex::new(BTreeMap::new()));
+        let told: Arc<Mutex<BTreeMap<String, LastState>>> = Arc::default();
         let mut following = JoinSet::new();
         let heard = told.clone();
         following.spawn(async move {
             while let Some(sample) = states.recv().await {
                 let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json::<RobotState>()) else { continue };
-                let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
-                if heard.len() < MAX_ROBOTS || heard.contains_key(robot) {
-                    heard.insert(robot.to_owned(), LastState { state, heard: Instant::now() });
-                }
+                let last = LastState { state, heard: Instant::now() };
+                keep(&mut heard.lock().unwrap_or_else(PoisonError::into_inner), robot, last, &world_from_base);
             }
         });
         Ok(Self { world_from_base, told, _following: following })
@@ -143,13 +141,29 @@ impl Neighbours {
     fn beside(&self, robot: &str) -> Vec<Neighbour> {
         let told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
         let near = |(name, LastState { state, heard }): (&String, &LastState)| {
-            let world_from_base: Isometry3<f64> = from_row_major(&state.world_from_base.as_ref()?.0).ok()?;
-            let apart_m = (world_from_base.translation.vector - self.world_from_base.translation.vector).norm();
-            let neighbour = || Neighbour { name: name.clone(), state: state.clone(), heard: *heard, world_from_base };
-            (SAME_BASE_M..FAR_M).contains(&apart_m).then(neighbour)
+            let world_from_base = base_within_reach(state, &self.world_from_base)?;
+            Some(Neighbour { name: name.clone(), state: state.clone(), heard: *heard, world_from_base })
         };
         told.iter().filter(|(name, _)| *name != robot).filter_map(near).collect()
     }
+}
+
+/// Keeps what a robot has told. Where there are as many as are followed, one that cannot be met makes room: the robots of a large hall must not keep
+/// out the one that stands beside.
+fn keep(told: &mut BTreeMap<String, LastState>, robot: &str, last: LastState, world_from_base: &Isometry3<f64>) {
+    if told.len() >= MAX_ROBOTS && !told.contains_key(robot) {
+        let cannot_be_met = |(_, last): &(&String, &LastState)| base_within_reach(&last.state, world_from_base).is_none();
+        let Some(far) = told.iter().find(cannot_be_met).map(|(name, _)| name.clone()) else { return };
+        told.remove(&far);
+    }
+    told.insert(robot.to_owned(), last);
+}
+
+/// Where the base of a robot stands that one at another base could meet; none where it could not, and where it does not tell.
+fn base_within_reach(state: &RobotState, from: &Isometry3<f64>) -> Option<Isometry3<f64>> {
+    let world_from_base: Isometry3<f64> = from_row_major(&state.world_from_base.as_ref()?.0).ok()?;
+    let apart_m = (world_from_base.translation.vector - from.translation.vector).norm();
+    (SAME_BASE_M..FAR_M).contains(&apart_m).then_some(world_from_base)
 }
 
 impl Neighbour {
@@ -218,6 +232,23 @@ mod tests {
         .await
         .expect("they are heard");
         neighbours
+    }
+
+    #[test]
+    fn the_robots_of_a_large_hall_do_not_keep_out_the_one_that_stands_beside() {
+        let (mut told, base) = (BTreeMap::new(), Isometry3::identity());
+        let mut tell = |robot: String, at_m: [f64; 2]| {
+            keep(&mut told, &robot, LastState { state: standing(at_m, "idle"), heard: Instant::now() }, &base);
+            (told.len(), told.contains_key(&robot))
+        };
+        for k in 1..=MAX_ROBOTS {
+            assert_eq!(tell(format!("far-{k}"), [3.0 * k as f64, 0.0]), (k, true));
+        }
+        for k in 0..MAX_ROBOTS {
+            assert_eq!(tell(format!("beside-{k}"), [0.0, 0.9]), (MAX_ROBOTS, true));
+        }
+        assert_eq!(tell("far-99".to_owned(), [99.0, 0.0]), (MAX_ROBOTS, false), "it cannot be met, and all the others can");
+        assert_eq!(tell("beside-3".to_owned(), [0.0, 1.0]), (MAX_ROBOTS, true));
     }
 
     #[tokio::test(flavor = "multi_thread")]
