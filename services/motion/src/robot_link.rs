@@ -227,13 +227,28 @@ impl RobotLink {
         self.session.publisher(self.session.cell().robot_command(robot), Traffic::RobotCommand)
     }
 
-    /// A robot's states, and the first of them.
+    /// A robot's states, and the first of them that can be read.
+    ///
+    /// # Errors
+    /// `unavailable` on `robot` when there is none in time: what a robot's side says is no fault of the request.
     async fn states(&self, robot: &str) -> Result<(Subscription, RobotState), CallError> {
         let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(robot)).await?;
-        let silent = || CallError::new(ErrorCode::Unavailable, format!("robot {robot} shows no state"));
-        let sample = tokio::time::timeout(self.timeout, states.recv()).await.map_err(|_| silent())?.ok_or_else(silent)?;
-        let state = sample.payload.decode_json()?;
-        Ok((states, state))
+        let mut unread = None;
+        let readable = async {
+            loop {
+                match states.recv().await?.payload.decode_json::<RobotState>() {
+                    Ok(state) => return Some(state),
+                    Err(error) => unread = Some(error),
+                }
+            }
+        };
+        let first = tokio::time::timeout(self.timeout, readable).await.ok().flatten();
+        let silent = || match &unread {
+            None => format!("robot {robot} shows no state"),
+            Some(error) => format!("robot {robot} shows no state that can be read: {error}"),
+        };
+        let first = first.ok_or_else(|| CallError::new(ErrorCode::Unavailable, silent()).at("robot"))?;
+        Ok((states, first))
     }
 }
 

@@ -286,6 +286,25 @@ async fn a_way_back_is_not_checked_against_what_stood_there_before() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_robot_whose_states_cannot_be_read_is_no_fault_of_the_request() {
+    let running = Running::start().await;
+    let (session, key) = (running.session.clone(), running.session.cell().robot_state("panda"));
+    let telling = tokio::spawn(async move {
+        loop {
+            let garbled = Payload::json(&RobotResetRequest::new("panda".to_owned())).unwrap();
+            session.put(&key, garbled, Traffic::RobotState).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    });
+    let execute = Payload::json(&MotionPlan { scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() }).unwrap();
+    let error = running.call("execute", execute).await.unwrap_err();
+    telling.abort();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::Unavailable, Some("robot")), "{error}");
+    assert!(error.message.contains("no state that can be read"), "{error}");
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_latched_stop_refuses_executions_until_it_is_reset() {
     let running = Running::start().await;
     let execute = || Payload::json(&MotionPlan { scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() }).unwrap();
