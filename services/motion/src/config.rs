@@ -216,6 +216,8 @@ impl MotionConfig {
         };
         settings.reach.release_m = self.release_m;
         settings.grasp.count = self.grasps;
+        // Each with the hand turned by half a turn, too.
+        settings.grasps_per_placement = 2 * self.grasps;
         settings.rrt.iterations = self.rrt_iterations;
         Ok(settings)
     }
@@ -386,6 +388,14 @@ mod tests {
             };
             let followed: Vec<Joints> = (0..(end_s * 1e3) as usize + 5).map(at).collect();
             prop_assert_eq!(CommandRules::check(&followed[0], &followed, CommandRuleSettings { limits, ..CommandRuleSettings::default() }), Ok(()));
+        }
+    }
+
+    #[test]
+    fn as_many_grasps_are_tried_as_are_asked_for_in_both_turns_of_the_hand() {
+        for grasps in [1, 32, 100] {
+            let planning = MotionConfig { grasps, ..MotionConfig::default() }.planning().unwrap();
+            assert_eq!((planning.grasp.count, planning.grasps_per_placement), (grasps, 2 * grasps));
         }
     }
 
