@@ -66,7 +66,7 @@ pub struct MotionConfig {
     pub start_tolerance_rad: f64,
     /// How old a plan's scene may be when it is executed, milliseconds. Default 120,000.
     pub max_scene_age_ms: u64,
-    /// How far ahead of the robot set-points are sent, milliseconds of robot time, at least 200. Default 1000.
+    /// How far ahead of the robot set-points are sent, milliseconds of robot time, at least 200 and twice `command_period_ms`. Default 1000.
     pub command_horizon_ms: f64,
     /// How often they are sent, milliseconds. Default 50.
     pub command_period_ms: u64,
@@ -216,6 +216,8 @@ impl MotionConfig {
         };
         settings.reach.release_m = self.release_m;
         settings.grasp.count = self.grasps;
+        // Each with the hand turned by half a turn, too.
+        settings.grasps_per_placement = 2 * self.grasps;
         settings.rrt.iterations = self.rrt_iterations;
         Ok(settings)
     }
@@ -300,9 +302,11 @@ impl MotionConfig {
     /// # Errors
     /// [`ConfigError`] that names the field.
     pub fn execution(&self) -> Result<ExecutionSettings, ConfigError> {
-        within("command_horizon_ms", self.command_horizon_ms, 200.0, 10_000.0)?;
         within("command_period_ms", self.command_period_ms as f64, 5.0, 200.0)?;
-        within("command_ttl_ms", self.command_ttl_ms as f64, 2.0 * self.command_period_ms as f64, 10_000.0)?;
+        // One that is lost or late is not missed: the next one comes before the robot is through with the last.
+        let two_periods_ms = 2.0 * self.command_period_ms as f64;
+        within("command_horizon_ms", self.command_horizon_ms, two_periods_ms.max(200.0), 10_000.0)?;
+        within("command_ttl_ms", self.command_ttl_ms as f64, two_periods_ms, 10_000.0)?;
         within("gripper_timeout_ms", self.gripper_timeout_ms, 500.0, 60_000.0)?;
         Ok(ExecutionSettings {
             model: self.model()?,
@@ -385,6 +389,25 @@ mod tests {
             let followed: Vec<Joints> = (0..(end_s * 1e3) as usize + 5).map(at).collect();
             prop_assert_eq!(CommandRules::check(&followed[0], &followed, CommandRuleSettings { limits, ..CommandRuleSettings::default() }), Ok(()));
         }
+    }
+
+    #[test]
+    fn as_many_grasps_are_tried_as_are_asked_for_in_both_turns_of_the_hand() {
+        for grasps in [1, 32, 100] {
+            let planning = MotionConfig { grasps, ..MotionConfig::default() }.planning().unwrap();
+            assert_eq!((planning.grasp.count, planning.grasps_per_placement), (grasps, 2 * grasps));
+        }
+    }
+
+    #[test]
+    fn set_points_that_end_before_the_next_are_sent_are_refused() {
+        let sent = |command_horizon_ms, command_period_ms| {
+            MotionConfig { command_horizon_ms, command_period_ms, ..MotionConfig::default() }.execution().map(|s| s.horizon_ms)
+        };
+        assert_eq!(sent(200.0, 200).unwrap_err().field, "command_horizon_ms", "the robot would run out of them and stop");
+        assert_eq!((sent(400.0, 200), sent(200.0, 100)), (Ok(400.0), Ok(200.0)));
+        assert_eq!(sent(199.0, 5).unwrap_err().field, "command_horizon_ms");
+        assert_eq!(sent(1000.0, 201).unwrap_err().field, "command_period_ms");
     }
 
     #[test]

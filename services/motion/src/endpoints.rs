@@ -1,6 +1,7 @@
 //! The service on the network: `plan`, `execute`, `reset` and `recover`.
 
 use std::future::Future;
+use std::sync::Arc;
 
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
@@ -8,13 +9,13 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove};
 use repose_proto::robot::HeldObject;
 use repose_proto::{CallError, Message, Payload, Scene, Service};
-use repose_runtime::{Call, CallOptions, Caller, CancellationToken, Handler, RuntimeError, Session, fetch_scene, load_of};
+use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, load_of};
 
 use crate::client_watch::ClientWatch;
 use crate::config::{MotionConfig, OnClientLoss};
 use crate::execution::{ExecutionTask, check_free};
 use crate::neighbours::Neighbours;
-use crate::robot_link::RobotLink;
+use crate::robot_link::{RobotLink, ToRest};
 use crate::worker::Worker;
 
 /// Answers `plan`, `execute`, `reset` and `recover`.
@@ -23,7 +24,7 @@ pub struct Endpoints {
     link: RobotLink,
     session: Session,
     perception: Caller,
-    neighbours: Neighbours,
+    neighbours: Arc<Neighbours>,
     on_client_loss: OnClientLoss,
 }
 
@@ -38,7 +39,7 @@ impl Endpoints {
             link: RobotLink::new(session.clone(), config)?,
             session: session.clone(),
             perception: session.caller(Service::Perception).await?,
-            neighbours: Neighbours::follow(session, config.base()?).await?,
+            neighbours: Arc::new(Neighbours::follow(session, config.base()?).await?),
             on_client_loss: config.on_client_loss,
         })
     }
@@ -80,20 +81,20 @@ impl Endpoints {
         let (plan, grasps) = self.worker.executable(call.payload.decode_json()?)?;
         let held = self.worker.scene(&plan.scene_id);
         self.neighbours.check(&plan, held.as_ref().map(|held| held.scene()))?;
-        let task = self.task(call, grasps);
+        let (robot, task) = (plan.robot.clone(), self.task(call, grasps));
         let (link, reporting) = (self.link.clone(), call.clone());
-        let execute = async move |cancelled| {
+        let execute = async move |to_rest| {
             let progress = |phase| match Payload::json(&phase) {
                 Ok(payload) => reporting.progress(payload),
                 Err(error) => tracing::warn!(%error, "progress that cannot be sent"),
             };
-            link.execute(plan, task, cancelled, progress).await
+            link.execute(plan, task, to_rest, progress).await
         };
-        Payload::json(&self.driven(call, execute).await?)
+        Payload::json(&self.driven(call, &robot, execute).await?)
     }
 
-    /// The arm driven for a call until it is at rest again. What becomes of that when the client is gone is configured.
-    async fn driven<F>(&self, call: &Call, drive: impl FnOnce(CancellationToken) -> F) -> Result<ExecuteReply, CallError>
+    /// The arm of a robot driven for a call until it is at rest again. What becomes of that when the client is gone is configured.
+    async fn driven<F>(&self, call: &Call, robot: &str, drive: impl FnOnce(ToRest) -> F) -> Result<ExecuteReply, CallError>
     where
         F: Future<Output = Result<ExecuteReply, CallError>> + Send + 'static,
     {
@@ -101,27 +102,27 @@ impl Endpoints {
             OnClientLoss::Stop => ClientWatch::of(&self.session, &call.id).await,
             OnClientLoss::Finish => None,
         };
-        let (id, cancelled) = (call.id.clone(), call.cancelled.child_token());
-        let driving = drive(cancelled.clone());
         // A task of its own: the end of the call must not cut it off between two commands.
-        let driven = tokio::spawn(async move {
-            let gone = async {
+        let driven = tokio::spawn(drive(self.to_rest(call, robot, client)));
+        driven.await.map_err(|e| CallError::internal(format!("the execution was lost: {e}")))?
+    }
+
+    /// What brings an arm to rest that is driven for a call: its end, that of its client, and another robot that begins to do something beside it.
+    fn to_rest(&self, call: &Call, robot: &str, client: Option<ClientWatch>) -> ToRest {
+        let (cancelled, neighbours, robot) = (call.cancelled.clone(), self.neighbours.clone(), robot.to_owned());
+        Box::pin(async move {
+            let gone = async move {
                 match client {
                     Some(mut client) => client.gone().await,
                     None => std::future::pending().await,
                 }
             };
-            tokio::pin!(driving);
             tokio::select! {
-                ended = &mut driving => return ended,
-                () = gone => {
-                    tracing::warn!(request = id, "the client is gone: the arm comes to rest");
-                    cancelled.cancel();
-                }
+                () = cancelled.cancelled() => "the caller cancelled, the deadline passed, or motion is to end".to_owned(),
+                () = gone => "the client is gone".to_owned(),
+                begun = neighbours.begun_beside(&robot) => begun,
             }
-            driving.await
-        });
-        driven.await.map_err(|e| CallError::internal(format!("the execution was lost: {e}")))?
+        })
     }
 
     /// An arm brought back.
@@ -133,18 +134,21 @@ impl Endpoints {
         let state = self.link.state(&request.robot).await?;
         check_free(&state)?;
         self.neighbours.check_still(&request.robot)?;
+        let stood = self.neighbours.stances(&request.robot);
         let beside = self.neighbours.solids(&request.robot);
         let (robot, checked_against) = (request.robot.clone(), request.scene.as_ref().map(|scene| scene.scene_id.clone()));
         let moves = request.motion != RecoveryMove::Open;
         let (phases, retreated_m) = self.worker.recover(call.context(), request, scene, &state, beside).await?;
+        self.neighbours.check_stances(&robot, &stood)?;
         let checked_against = checked_against.filter(|_| moves);
         if phases.is_empty() {
             let (outcome, joints_rad) = (ExecutionOutcome::Done, state.q_rad);
             return Payload::json(&RecoverReply { outcome, reason: None, retreated_m, checked_against, joints_rad });
         }
         let (link, task) = (self.link.clone(), self.task(call, None));
-        let follow = async move |cancelled| link.follow(&robot, phases, task, cancelled).await;
-        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, follow).await?;
+        let driven = robot.clone();
+        let follow = async move |to_rest| link.follow(&driven, phases, task, to_rest).await;
+        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, &robot, follow).await?;
         Payload::json(&RecoverReply { outcome, reason, retreated_m, checked_against, joints_rad })
     }
 

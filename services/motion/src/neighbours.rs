@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 use repose_geometry::transform::from_row_major;
-use repose_panda::{LinkFrames, base_from_tcp, shoulder_in_base, spheres_in_base};
+use repose_panda::{JOINT_COUNT, Joints, LinkFrames, base_from_tcp, shoulder_in_base, spheres_in_base};
 use repose_proto::motion::MotionPlan;
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, Scene, keys};
@@ -17,7 +18,7 @@ use crate::obstacles::ObstacleShape;
 
 /// States that wait to be read: hundreds of milliseconds of a few robots that tell theirs a thousand times a second.
 const WAITING: usize = 1024;
-/// Robots of a cell that are followed.
+/// Robots of a cell that are followed, those within reach first.
 const MAX_ROBOTS: usize = 16;
 /// Bases within this are one robot's, under two names, metres: no two arms stand there.
 const SAME_BASE_M: f64 = 0.1;
@@ -25,20 +26,35 @@ const SAME_BASE_M: f64 = 0.1;
 const FAR_M: f64 = 2.5;
 /// Parts of another robot that are farther than this from a robot's base cannot be met, metres.
 const BEYOND_M: f64 = 1.3;
+/// Between two looks at the others while a robot moves: less than between two of their states.
+const LOOK: Duration = Duration::from_millis(10);
+/// A robot whose joints are all within this of where they were has not moved, radians: at the end of an arm that is a centimetre, less than what
+/// planning keeps away from it.
+const MOVED_RAD: f64 = 0.01;
 /// What planning keeps away from another robot beside all that it keeps away from the scene, metres: bases are known to a centimetre or two.
 const ROOM_M: f64 = 0.03;
+
+/// A robot that has told nothing for longer than this is silent: states come twenty times a second or more often.
+const SILENT: Duration = Duration::from_secs(2);
+
+/// What a robot has told last, and when.
+struct LastState {
+    state: RobotState,
+    heard: Instant,
+}
 
 /// A robot beside another.
 struct Neighbour {
     name: String,
     state: RobotState,
+    heard: Instant,
     world_from_base: Isometry3<f64>,
 }
 
 /// What the robots of a cell have told last.
 pub struct Neighbours {
     world_from_base: Isometry3<f64>,
-    told: Arc<Mutex<BTreeMap<String, RobotState>>>,
+    told: Arc<Mutex<BTreeMap<String, LastState>>>,
     _following: JoinSet<()>,
 }
 
@@ -49,16 +65,14 @@ impl Neighbours {
     /// When the network refuses.
     pub async fn follow(session: &Session, world_from_base: Isometry3<f64>) -> Result<Self, RuntimeError> {
         let mut states = session.subscribe_queue(&session.cell().robot_states(), WAITING).await?;
-        let told = Arc::new(Mutex::new(BTreeMap::new()));
+        let told: Arc<Mutex<BTreeMap<String, LastState>>> = Arc::default();
         let mut following = JoinSet::new();
         let heard = told.clone();
         following.spawn(async move {
             while let Some(sample) = states.recv().await {
                 let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json::<RobotState>()) else { continue };
-                let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
-                if heard.len() < MAX_ROBOTS || heard.contains_key(robot) {
-                    heard.insert(robot.to_owned(), state);
-                }
+                let last = LastState { state, heard: Instant::now() };
+                keep(&mut heard.lock().unwrap_or_else(PoisonError::into_inner), robot, last, &world_from_base);
             }
         });
         Ok(Self { world_from_base, told, _following: following })
@@ -75,10 +89,39 @@ impl Neighbours {
     /// `failed_precondition` on `robot` at the first that does not.
     pub fn check_still(&self, robot: &str) -> Result<(), CallError> {
         let is_busy = |neighbour: &&Neighbour| neighbour.state.mode == RobotMode::Moving || neighbour.state.open_task().is_some();
-        self.beside(robot).iter().find(is_busy).map_or(Ok(()), |busy| {
-            let message = format!("robot {} stands within reach and is doing something: one of them moves at a time", busy.name);
+        self.beside(robot).iter().find(is_busy).map_or(Ok(()), |busy| Err(CallError::precondition(busy.doing()).at("robot")))
+    }
+
+    /// How the robots beside one stand, by their names.
+    pub fn stances(&self, robot: &str) -> BTreeMap<String, Joints> {
+        self.beside(robot).into_iter().map(|neighbour| (neighbour.name, neighbour.state.q_rad)).collect()
+    }
+
+    /// Checks that the robots beside one stand still, where they stood when a way around them was planned: while it waited for its turn, and was
+    /// looked for, another may have moved and come to rest on it.
+    ///
+    /// # Errors
+    /// As [`Neighbours::check_still`], and where one stands elsewhere.
+    pub fn check_stances(&self, robot: &str, stood: &BTreeMap<String, Joints>) -> Result<(), CallError> {
+        self.check_still(robot)?;
+        let near = |a: &Joints, b: &Joints| (0..JOINT_COUNT).all(|i| (a[i] - b[i]).abs() <= MOVED_RAD);
+        let has_moved = |neighbour: &&Neighbour| stood.get(&neighbour.name).is_none_or(|q_rad| !near(q_rad, &neighbour.state.q_rad));
+        self.beside(robot).iter().find(has_moved).map_or(Ok(()), |moved| {
+            let message = format!("robot {} has moved within reach while the way was planned: ask again", moved.name);
             Err(CallError::precondition(message).at("robot"))
         })
+    }
+
+    /// Waits until a robot beside one does something, and says which. Robots that begin at the same moment pass [`Neighbours::check_still`] both, for
+    /// neither has told yet that it has begun; and whoever else moves one does not ask here.
+    pub async fn begun_beside(&self, robot: &str) -> String {
+        let mut looks = tokio::time::interval(LOOK);
+        loop {
+            looks.tick().await;
+            if let Err(begun) = self.check_still(robot) {
+                return begun.message;
+            }
+        }
     }
 
     /// Checks a plan against the robots beside its own, where they stand now.
@@ -97,16 +140,47 @@ impl Neighbours {
     /// The robots that could meet one, by their names.
     fn beside(&self, robot: &str) -> Vec<Neighbour> {
         let told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
-        let near = |(name, state): (&String, &RobotState)| {
-            let world_from_base: Isometry3<f64> = from_row_major(&state.world_from_base.as_ref()?.0).ok()?;
-            let apart_m = (world_from_base.translation.vector - self.world_from_base.translation.vector).norm();
-            (SAME_BASE_M..FAR_M).contains(&apart_m).then(|| Neighbour { name: name.clone(), state: state.clone(), world_from_base })
+        let near = |(name, LastState { state, heard }): (&String, &LastState)| {
+            let world_from_base = base_within_reach(state, &self.world_from_base)?;
+            Some(Neighbour { name: name.clone(), state: state.clone(), heard: *heard, world_from_base })
         };
         told.iter().filter(|(name, _)| *name != robot).filter_map(near).collect()
     }
 }
 
+/// Keeps what a robot has told. Where there are as many as are followed, one that cannot be met makes room: the robots of a large hall must not keep
+/// out the one that stands beside.
+fn keep(told: &mut BTreeMap<String, LastState>, robot: &str, last: LastState, world_from_base: &Isometry3<f64>) {
+    if told.len() >= MAX_ROBOTS && !told.contains_key(robot) {
+        let cannot_be_met = |(_, last): &(&String, &LastState)| base_within_reach(&last.state, world_from_base).is_none();
+        let Some(far) = told.iter().find(cannot_be_met).map(|(name, _)| name.clone()) else { return };
+        told.remove(&far);
+    }
+    told.insert(robot.to_owned(), last);
+}
+
+/// Where the base of a robot stands that one at another base could meet; none where it could not, and where it does not tell.
+fn base_within_reach(state: &RobotState, from: &Isometry3<f64>) -> Option<Isometry3<f64>> {
+    let world_from_base: Isometry3<f64> = from_row_major(&state.world_from_base.as_ref()?.0).ok()?;
+    let apart_m = (world_from_base.translation.vector - from.translation.vector).norm();
+    (SAME_BASE_M..FAR_M).contains(&apart_m).then_some(world_from_base)
+}
+
 impl Neighbour {
+    /// What is to be said of one that moves or has a task. One whose driver has died in the midst of that stays so, for nobody knows where it stands:
+    /// then that is what a person has to know.
+    fn doing(&self) -> String {
+        let (name, silent) = (&self.name, self.heard.elapsed());
+        if silent > SILENT {
+            let silent_s = silent.as_secs();
+            return format!(
+                "robot {name} stands within reach and was doing something when it was last heard of, {silent_s} s ago: nothing moves beside it \
+                 until its driver tells that it stands"
+            );
+        }
+        format!("robot {name} stands within reach and is doing something: one of them moves at a time")
+    }
+
     /// The arm, its hand and what it holds, as far as another can come to them, each larger by as much.
     fn solids(&self, other_base: &Isometry3<f64>, room_m: f64) -> Vec<ObstacleShape> {
         let frames = LinkFrames::at(&self.state.q_rad);
@@ -150,14 +224,31 @@ mod tests {
             told.put(Payload::json(state).expect("a payload")).await.expect("put");
         }
         let all_told = || neighbours.told.lock().expect("what was told").len() == states.len();
-        tokio::time::timeout(std::time::Duration::from_secs(10), async {
+        tokio::time::timeout(Duration::from_secs(10), async {
             while !all_told() {
-                tokio::time::sleep(std::time::Duration::from_millis(5)).await;
+                tokio::time::sleep(Duration::from_millis(5)).await;
             }
         })
         .await
         .expect("they are heard");
         neighbours
+    }
+
+    #[test]
+    fn the_robots_of_a_large_hall_do_not_keep_out_the_one_that_stands_beside() {
+        let (mut told, base) = (BTreeMap::new(), Isometry3::identity());
+        let mut tell = |robot: String, at_m: [f64; 2]| {
+            keep(&mut told, &robot, LastState { state: standing(at_m, "idle"), heard: Instant::now() }, &base);
+            (told.len(), told.contains_key(&robot))
+        };
+        for k in 1..=MAX_ROBOTS {
+            assert_eq!(tell(format!("far-{k}"), [3.0 * k as f64, 0.0]), (k, true));
+        }
+        for k in 0..MAX_ROBOTS {
+            assert_eq!(tell(format!("beside-{k}"), [0.0, 0.9]), (MAX_ROBOTS, true));
+        }
+        assert_eq!(tell("far-99".to_owned(), [99.0, 0.0]), (MAX_ROBOTS, false), "it cannot be met, and all the others can");
+        assert_eq!(tell("beside-3".to_owned(), [0.0, 1.0]), (MAX_ROBOTS, true));
     }
 
     #[tokio::test(flavor = "multi_thread")]
@@ -176,9 +267,25 @@ mod tests {
         assert!(neighbours.check_still("own").is_ok());
 
         let task = TaskState { id: Some("t".to_owned()) };
+        let stood = neighbours.stances("own");
+        assert_eq!(neighbours.check_stances("own", &stood), Ok(()));
+        let mut elsewhere = across.clone();
+        elsewhere.q_rad[0] += 1.0;
+        for (meanwhile, stood) in [(elsewhere, &stood), (across.clone(), &BTreeMap::new())] {
+            let refused = beside(&[("across", meanwhile)]).await.check_stances("own", stood).expect_err("it has moved, or come");
+            assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("across has moved"), "{refused}");
+        }
+
         for busy in [standing([0.9, 0.0], "moving"), RobotState { task: Some(task), ..across }] {
-            let refused = beside(&[("across", busy)]).await.check_still("own").expect_err("it is doing something");
+            let neighbours = beside(&[("across", busy)]).await;
+            let refused = neighbours.check_still("own").expect_err("it is doing something");
             assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("across"), "{refused}");
+            assert!(!refused.message.contains("last heard"), "{refused}");
+            for last in neighbours.told.lock().expect("what was told").values_mut() {
+                last.heard = last.heard.checked_sub(7 * SILENT).expect("this machine has run for longer");
+            }
+            let refused = neighbours.check_still("own").expect_err("nobody knows where it stands");
+            assert!(refused.message.contains("was doing something when it was last heard of, 14 s ago"), "{refused}");
         }
     }
 }

@@ -3,17 +3,21 @@
 //! Only this file puts robot commands. It decides nothing about motion: it carries states in, commands out, and the clock.
 
 use std::collections::BTreeSet;
+use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPhase, MotionPlan, RobotResetReply, RobotResetRequest};
 use repose_proto::robot::{RobotCommand, RobotMode, RobotState, StopState};
 use repose_proto::{CallError, ErrorCode, Payload, keys};
-use repose_runtime::{CancellationToken, Publisher, RuntimeError, Session, Subscription, Traffic};
+use repose_runtime::{Publisher, RuntimeError, Session, Subscription, Traffic};
 use tokio::time::MissedTickBehavior;
 
 use crate::config::MotionConfig;
 use crate::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask, next_owner};
+
+/// Comes to its end when an arm that is driven is to come to rest, with the reason.
+pub type ToRest = Pin<Box<dyn Future<Output = String> + Send>>;
 
 /// Commands robots of one cell. Cheap to clone.
 #[derive(Clone)]
@@ -65,7 +69,7 @@ impl RobotLink {
         &self.commander
     }
 
-    /// Carries a plan out. After `cancelled` the arm slows down on its path, and the execution ends when it stands.
+    /// Carries a plan out. After `to_rest` the arm slows down on its path, and the execution ends when it stands.
     ///
     /// # Errors
     /// `unavailable` when the robot shows no state; `failed_precondition` and `invalid_argument` as [`Execution::begin`], also while another
@@ -74,12 +78,12 @@ impl RobotLink {
         &self,
         plan: MotionPlan,
         task: ExecutionTask,
-        cancelled: CancellationToken,
+        to_rest: ToRest,
         progress: impl Fn(ExecuteProgress),
     ) -> Result<ExecuteReply, CallError> {
         let robot = plan.robot.clone();
         let begin = |state: &RobotState, now_ms| Execution::begin(plan, task, state, now_ms, self.settings);
-        self.drive(&robot, begin, cancelled, progress).await
+        self.drive(&robot, begin, to_rest, progress).await
     }
 
     /// Carries phases out from where the robot stands.
@@ -91,10 +95,10 @@ impl RobotLink {
         robot: &str,
         phases: Vec<MotionPhase>,
         task: ExecutionTask,
-        cancelled: CancellationToken,
+        to_rest: ToRest,
     ) -> Result<ExecuteReply, CallError> {
         let begin = |state: &RobotState, now_ms| Execution::from_here(phases, task, state, now_ms, self.settings);
-        self.drive(robot, begin, cancelled, |_| {}).await
+        self.drive(robot, begin, to_rest, |_| {}).await
     }
 
     /// Drives one execution from its beginning to its reply.
@@ -102,7 +106,7 @@ impl RobotLink {
         &self,
         robot: &str,
         begin: impl FnOnce(&RobotState, u64) -> Result<(Execution, Vec<ExecutionAction>), CallError>,
-        cancelled: CancellationToken,
+        mut to_rest: ToRest,
         progress: impl Fn(ExecuteProgress),
     ) -> Result<ExecuteReply, CallError> {
         let claim = self.claim(robot)?;
@@ -141,9 +145,10 @@ impl RobotLink {
                     None => execution.abandon("the network closed"),
                 },
                 _ = ticks.tick() => execution.on_tick(now_ms()),
-                () = cancelled.cancelled(), if !halting => {
+                reason = &mut to_rest, if !halting => {
+                    tracing::warn!(robot, reason, "the arm comes to rest");
                     halting = true;
-                    execution.cancel("the caller cancelled or is gone, or the deadline passed", now_ms())
+                    execution.cancel(&reason, now_ms())
                 }
             };
         }
@@ -222,13 +227,28 @@ impl RobotLink {
         self.session.publisher(self.session.cell().robot_command(robot), Traffic::RobotCommand)
     }
 
-    /// A robot's states, and the first of them.
+    /// A robot's states, and the first of them that can be read.
+    ///
+    /// # Errors
+    /// `unavailable` on `robot` when there is none in time: what a robot's side says is no fault of the request.
     async fn states(&self, robot: &str) -> Result<(Subscription, RobotState), CallError> {
         let mut states = self.session.subscribe_latest(&self.session.cell().robot_state(robot)).await?;
-        let silent = || CallError::new(ErrorCode::Unavailable, format!("robot {robot} shows no state"));
-        let sample = tokio::time::timeout(self.timeout, states.recv()).await.map_err(|_| silent())?.ok_or_else(silent)?;
-        let state = sample.payload.decode_json()?;
-        Ok((states, state))
+        let mut unread = None;
+        let readable = async {
+            loop {
+                match states.recv().await?.payload.decode_json::<RobotState>() {
+                    Ok(state) => return Some(state),
+                    Err(error) => unread = Some(error),
+                }
+            }
+        };
+        let first = tokio::time::timeout(self.timeout, readable).await.ok().flatten();
+        let silent = || match &unread {
+            None => format!("robot {robot} shows no state"),
+            Some(error) => format!("robot {robot} shows no state that can be read: {error}"),
+        };
+        let first = first.ok_or_else(|| CallError::new(ErrorCode::Unavailable, silent()).at("robot"))?;
+        Ok((states, first))
     }
 }
 

@@ -131,11 +131,12 @@ impl Worker {
         let (period_ms, q_rad, opening_m) = (self.terms.set_point_period_ms, state.q_rad, state.gripper_width_m);
         let job = move |context: &JobContext| {
             let scene = match (held, scene, &request.scene) {
-                (Some(held), _, _) => Some(wire::surroundings(held.scene())?),
-                (None, Some(sent), Some(named)) => {
+                // It may be younger than what is held under its name, and that counts as young as it only where the two are the same.
+                (_, Some(sent), Some(named)) => {
                     check_scene_id(&sent, &named.scene_id)?;
                     Some(wire::surroundings(&sent)?)
                 }
+                (Some(held), None, _) => Some(wire::surroundings(held.scene())?),
                 _ => None,
             };
             let recovery = Recovery::new(&q_rad, opening_m, scene.as_ref(), &settings);

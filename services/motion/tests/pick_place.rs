@@ -86,6 +86,21 @@ fn every_millisecond_keeps_frankas_rules_and_touches_nothing() {
 }
 
 #[test]
+fn what_is_carried_is_hurried_nowhere() {
+    let scene = synthetic::scene();
+    let request = PickPlaceRequest { scene: &scene, query: 1, placements: &[moved(0.45, 0.25)], start: &READY, grasps: None, seed: 3 };
+    let of = |holding_scale| pick_place(&request, &PickPlaceSettings { holding_scale, ..PickPlaceSettings::default() }).unwrap();
+    let (usual, careful) = (of(PickPlaceSettings::default().holding_scale), of(0.1));
+    for (usual, careful) in usual.phases.iter().zip(&careful.phases) {
+        let (Some(before), Some(now)) = (&usual.trajectory, &careful.trajectory) else { continue };
+        let longer = now.duration_s() / before.duration_s();
+        // A fifth of the speed, and of the acceleration.
+        let (least, most) = if usual.phase.is_carrying() { (2.0, 5.1) } else { (0.999, 1.001) };
+        assert!((least..most).contains(&longer), "{} takes {longer} times as long", usual.phase);
+    }
+}
+
+#[test]
 fn what_the_robot_makes_of_the_set_points_keeps_frankas_rules() {
     let plan = plan(1, &[moved(0.45, 0.25)], None).unwrap();
     let request = MotionPlanRequest::new("0".repeat(64), "panda".to_owned(), 1, vec![RigidTransform::IDENTITY], READY);

@@ -208,6 +208,33 @@ async fn an_execution_reports_its_phases_and_happens_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn an_arm_comes_to_rest_where_one_beside_it_begins_to_do_something() {
+    let running = Running::start().await;
+    let robot = running.robot(Robot::new()).await;
+    let mut slow = MotionPlan { scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() };
+    slow.phases.iter_mut().flat_map(|phase| &mut phase.set_points).for_each(|point| point.t_ms *= 10.0);
+    let (progress, mut progressed) = tokio::sync::mpsc::channel(16);
+    let options = CallOptions { progress: Some(progress), ..CallOptions::at_most_once(Duration::from_secs(30)) };
+    let executing = running.caller.call("execute", Payload::json(&slow).unwrap(), options);
+    let mut across = Robot::new().state;
+    let base = RigidTransform([1.0, 0.0, 0.0, 0.9, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    (across.mode, across.world_from_base) = (RobotMode::Moving, Some(base));
+    let beginning = async {
+        // Each has been found standing still by the other.
+        progressed.recv().await.unwrap();
+        let told = running.session.cell().robot_state("across");
+        running.session.put(&told, Payload::json(&across).unwrap(), Traffic::RobotState).await.unwrap();
+    };
+    let (answer, ()) = tokio::join!(executing, beginning);
+    let reply: ExecuteReply = answer.unwrap().payload.decode_json().unwrap();
+    assert_eq!((reply.outcome, reply.phase), (ExecutionOutcome::Stopped, Phase::Standoff), "{reply:?}");
+    assert!(reply.reason.as_deref().is_some_and(|reason| reason.contains("robot across")), "{reply:?}");
+    let state = robot.lock().unwrap().state.clone();
+    assert_eq!((state.mode, state.open_task()), (RobotMode::Idle, None), "it stands, and its task is closed");
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_plan_cannot_make_its_scene_younger_than_it_is() {
     let running = Running::start().await;
     let robot = running.robot(Robot::new()).await;
@@ -245,6 +272,35 @@ async fn a_way_back_is_not_checked_against_what_stood_there_before() {
     assert_eq!(refusal(home(10).await), stale, "the hand has moved something since");
     assert_eq!(robot.lock().unwrap().state.last_command, None, "nothing was sent");
     assert!(home(1).await.is_ok());
+
+    // What stood there long ago is held, and named; what is sent stands there now.
+    let before = Scene { stamp_ns: NOW_NS - 300_000_000_000, ..scene() };
+    running.call("plan", bulk(&request(&before), &before)).await.unwrap();
+    let mut now = Scene { stamp_ns: NOW_NS, ..before.clone() };
+    now.points[0][0] += 0.1;
+    let named = Some(SceneRef { scene_id: before.id() });
+    let request = RecoverRequest { robot: "panda".to_owned(), motion: RecoveryMove::Home, scene: named };
+    let error = running.call("recover", Payload::with_scene(&request, Some(&now)).unwrap()).await.unwrap_err();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some("scene.scene_id")), "{error}");
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_whose_states_cannot_be_read_is_no_fault_of_the_request() {
+    let running = Running::start().await;
+    let (session, key) = (running.session.clone(), running.session.cell().robot_state("panda"));
+    let telling = tokio::spawn(async move {
+        loop {
+            let garbled = Payload::json(&RobotResetRequest::new("panda".to_owned())).unwrap();
+            session.put(&key, garbled, Traffic::RobotState).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    });
+    let execute = Payload::json(&MotionPlan { scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() }).unwrap();
+    let error = running.call("execute", execute).await.unwrap_err();
+    telling.abort();
+    assert_eq!((error.code, error.field.as_deref()), (ErrorCode::Unavailable, Some("robot")), "{error}");
+    assert!(error.message.contains("no state that can be read"), "{error}");
     running.stop().await;
 }
 

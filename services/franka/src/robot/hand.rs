@@ -55,6 +55,8 @@ pub struct Hand {
     sent: u64,
     /// The width that it was to close to, where it was to close, metres.
     closing_to_m: Option<f64>,
+    /// The width that it was to open to, where it was to open, metres.
+    opening_to_m: Option<f64>,
     /// The last command whose failure was told.
     told_failed: u64,
 }
@@ -75,7 +77,7 @@ impl Hand {
         let (width_m, force_n) = (action.width_m.clamp(0.0, FINGER_OPENING_MAX_M), action.force_n.min(max_force_n));
         let closes = width_m < self.reading.width_m;
         self.sent += 1;
-        self.closing_to_m = closes.then_some(width_m);
+        (self.closing_to_m, self.opening_to_m) = if closes { (Some(width_m), None) } else { (None, Some(width_m)) };
         let command = match (closes, is_to_grasp) {
             (true, true) => HandCommand::Grasp(width_m, force_n),
             (true, false) => HandCommand::Close(width_m, force_n),
@@ -98,12 +100,22 @@ impl Hand {
     fn grips(&self) -> bool {
         // What it had closed on before this driver was there it may have been sent to any width for.
         let closing_to_m = self.closing_to_m.or((self.sent == 0).then_some(0.0));
-        self.reading.grasps && closing_to_m.is_some_and(|width_m| self.reading.width_m > width_m + HOLDING_M)
+        self.reading.grasps && (closing_to_m.is_some_and(|width_m| self.reading.width_m > width_m + HOLDING_M) || self.has_not_let_go())
+    }
+
+    /// Whether it was to open and has not: an order that was left off when the robot was stopped, or that never reached it. It has what it had.
+    fn has_not_let_go(&self) -> bool {
+        self.is_settled() && self.opening_to_m.is_some_and(|width_m| self.reading.width_m < width_m - HOLDING_M)
+    }
+
+    /// Whether the last command has ended, or come to nothing.
+    fn is_settled(&self) -> bool {
+        self.reading.ended >= self.sent
     }
 
     /// What a state says of it.
     pub fn state(&self) -> GripperState {
-        let settled = self.reading.ended >= self.sent;
+        let settled = self.is_settled();
         GripperState { width_m: self.reading.width_m, settled, holding: settled && self.grips() }
     }
 }
@@ -175,6 +187,20 @@ mod tests {
         assert_eq!(hand.halt(), HandHalt { up_to: 1, stops: false });
         hand.command(&GripperCommand { width_m: 0.08, force_n: 30.0 }, false, 70.0);
         assert_eq!(hand.halt(), HandHalt { up_to: 2, stops: true }, "it was to let go");
+    }
+
+    #[test]
+    fn what_a_hand_was_to_let_go_of_and_did_not_is_still_held() {
+        let mut hand = closing_to(0.0);
+        hand.read(at(0.04, true, 1));
+        hand.command(&GripperCommand { width_m: 0.08, force_n: 30.0 }, false, 70.0);
+        assert!(!hand.state().holding, "it is letting go");
+        // The order was left off, by a stop, or was lost with the connection.
+        hand.read(at(0.04, true, 2));
+        assert_eq!(hand.state(), GripperState { width_m: 0.04, settled: true, holding: true });
+        assert_eq!(hand.halt(), HandHalt { up_to: 2, stops: false }, "it must not fall");
+        hand.read(at(0.05, false, 2));
+        assert!(!hand.state().holding, "the hand says that it has nothing");
     }
 
     #[test]

@@ -369,7 +369,10 @@ impl<'a> Search<'a> {
         transfer: Trajectory,
     ) -> Option<Vec<PlannedPhase>> {
         // The corners are a centimetre apart and nearly in line: little rounding is enough.
-        let slow = TimingSettings { deviation_rad: 0.002, ..self.settings.timing.slowed(self.settings.contact_scale) };
+        let slowed = |share| TimingSettings { deviation_rad: 0.002, ..self.settings.timing.slowed(share) };
+        let slow = slowed(self.settings.contact_scale);
+        // Near things with something in the hand, the slower of both.
+        let carrying = slowed(self.settings.contact_scale.min(self.settings.holding_scale));
         let open = GripperMove { width_m: grasp.grasp.opening_m, force_n: self.settings.grip_force_n };
         let close = GripperMove { width_m: 0.0, force_n: self.grip_force_n(&grasp.grasp) };
         let phase = |phase, gripper, trajectory| PlannedPhase { phase, gripper, trajectory };
@@ -379,9 +382,9 @@ impl<'a> Search<'a> {
             phase(Phase::Approach, None, Some(timed(&pick.approach, &slow, &reach.open)?)),
             phase(Phase::Grasp, Some(close), None),
             // What is held may touch what it stood on at first; its corners further up are checked.
-            phase(Phase::Lift, None, Some(timed(&pick.lift, &slow, &reach.closed)?)),
+            phase(Phase::Lift, None, Some(timed(&pick.lift, &carrying, &reach.closed)?)),
             phase(Phase::Transfer, None, Some(transfer)),
-            phase(Phase::Lower, None, Some(timed(&place.lower, &slow, &reach.holding)?)),
+            phase(Phase::Lower, None, Some(timed(&place.lower, &carrying, &reach.holding)?)),
             phase(Phase::Release, Some(open), None),
             phase(Phase::Retreat, None, Some(timed(&place.retreat, &slow, &reach.open)?)),
         ])

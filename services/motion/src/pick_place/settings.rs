@@ -32,8 +32,8 @@ pub struct PickPlaceSettings {
     pub timing: TimingSettings,
     /// Share of that speed and acceleration near things: approach, lift, lower, retreat. Default 0.5.
     pub contact_scale: f64,
-    /// Share of the free speed and acceleration at which the object is carried: what is held by friction turns and slips when it is
-    /// hurried. Default 0.5.
+    /// Share of the free speed and acceleration at which the object is carried, lifting and lowering included: what is held by friction turns and
+    /// slips when it is hurried. Default 0.5.
     pub holding_scale: f64,
     /// What is added to the robot's spheres, metres: they leave out edges of the arm. Default 0.005.
     pub padding_m: f64,

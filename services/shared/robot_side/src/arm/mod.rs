@@ -91,8 +91,8 @@ pub struct Arm {
     grips: bool,
     /// The newest instant that was handed in, seconds of the receiver's monotonic clock.
     now_s: f64,
-    /// When the hand was last told to close on an object, or to open while it held one, or may last have been before its driver started, on the
-    /// same clock.
+    /// When the hand was last told to close on an object, or to open while it held one, or was last seen to take hold of something or to lose it, or
+    /// may last have been before its driver started, on the same clock.
     handled_s: Option<f64>,
 }
 
@@ -244,8 +244,12 @@ impl Arm {
         self.reflex(kind, reason);
     }
 
-    /// Says whether the fingers stand against something.
+    /// Says whether the fingers stand against something. Where that changes the hand has taken hold of something or lost it, whatever it was told:
+    /// nobody told it to lose what slips out of it, and a commander need not say that it is to grasp.
     pub fn set_grips(&mut self, grips: bool) {
+        if grips != self.grips {
+            self.handled_s = Some(self.now_s);
+        }
         self.grips = grips;
     }
 

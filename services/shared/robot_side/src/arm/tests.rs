@@ -333,6 +333,24 @@ fn how_long_ago_the_hand_took_or_let_go_of_something_is_told_whoever_commanded_i
 }
 
 #[test]
+fn what_the_hand_takes_hold_of_untold_and_what_slips_out_of_it_makes_scenes_old_too() {
+    let mut arm = Arm::default();
+    let close = RobotCommand { gripper: Some(GripperCommand { width_m: 0.0, force_n: 30.0 }), ..task_command(1, 1, true) };
+    arm.command(&close, 1.0).expect("taken");
+    arm.tick(1.5);
+    assert_eq!(arm.since_handling_ms(), None, "it was not told to grasp anything, and has not");
+    arm.set_grips(true);
+    arm.tick(1.75);
+    assert_eq!(arm.since_handling_ms(), Some(250), "it has taken hold of something");
+    arm.set_grips(true);
+    arm.tick(4.0);
+    assert_eq!(arm.since_handling_ms(), Some(2500), "it still holds that");
+    arm.set_grips(false);
+    arm.tick(4.5);
+    assert_eq!(arm.since_handling_ms(), Some(500), "it has slipped out, and lies where no camera had seen it");
+}
+
+#[test]
 fn an_arm_that_does_not_follow_its_set_points_latches_and_one_that_was_moved_by_hand_stands_there() {
     let mut arm = Arm::new(ArmSettings { following_tolerance_rad: 0.05, ..ArmSettings::default() });
     let mut behind = READY;
