@@ -7,6 +7,8 @@
 //! While the router is away a call waits for it, up to its deadline: attempts that the outage ended do not count. A worker whose token
 //! nobody stands behind is left after one try.
 
+mod any;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -123,21 +125,6 @@ impl Caller {
         }
     }
 
-    /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router. Whoever asks all of them needs to know none's load,
-    /// which over a slow link comes a round trip and a period later.
-    async fn wait_for_any(&self, deadline: Duration) -> Result<(), CallError> {
-        let (began, patience) = (Instant::now(), &self.inner.patience);
-        while self.workers().is_empty() && self.wait_for_workers(1, LOOK).await.is_err() {
-            if began.elapsed() >= deadline {
-                return Err(patience.at_deadline(patience.nobody().await));
-            }
-            if patience.is_over(began) {
-                return Err(patience.nobody().await);
-            }
-        }
-        Ok(())
-    }
-
     /// Makes a call. Ends within its deadline, exactly once.
     ///
     /// # Errors
@@ -145,16 +132,8 @@ impl Caller {
     /// retry left), `deadline_exceeded`, `cancelled`.
     pub async fn call(&self, method: &str, payload: Payload, options: CallOptions) -> Result<Answer, CallError> {
         message::check_size(payload.bytes.len())?;
-        let remaining_ms = options.deadline.as_millis();
-        if remaining_ms == 0 {
-            return Err(too_late());
-        }
-        if remaining_ms > u128::from(limits::MAX_REMAINING_MS) {
-            let message = format!("expected 1 to {} ms, got {remaining_ms}", limits::MAX_REMAINING_MS);
-            return Err(CallError::invalid("remaining_ms", message));
-        }
+        let deadline = deadline_of(&options)?;
         let id = options.id.clone().unwrap_or_else(|| uuid::Uuid::new_v4().to_string());
-        let deadline = Instant::now() + options.deadline;
         let ongoing = Ongoing {
             inner: &self.inner,
             method,
@@ -171,30 +150,16 @@ impl Caller {
         crate::trace::continue_from(&span, options.traceparent.as_deref());
         ongoing.run().instrument(span).await
     }
+}
 
-    /// Makes the same call to every worker alive and returns the first result: who holds it, whoever that is.
-    ///
-    /// # Errors
-    /// When nobody has a result: `not_found` if anyone said so, otherwise the last error; `unavailable` when nobody is alive.
-    pub async fn call_any(&self, method: &str, payload: &Payload, options: &CallOptions) -> Result<Answer, CallError> {
-        self.wait_for_any(options.deadline).await?;
-        let mut calls: futures::stream::FuturesUnordered<_> = self
-            .workers()
-            .into_iter()
-            .map(|worker| {
-                let options = CallOptions { worker: Some(worker.name), id: None, ..options.clone() };
-                self.call(method, payload.clone(), options)
-            })
-            .collect();
-        let mut worst = CallError::new(ErrorCode::Unavailable, format!("no worker of {} answered", self.inner.target));
-        while let Some(ended) = futures::StreamExt::next(&mut calls).await {
-            match ended {
-                Ok(answer) => return Ok(answer),
-                Err(error) if worst.code != ErrorCode::NotFound => worst = error,
-                Err(_) => {}
-            }
+/// When a call with these options ends.
+fn deadline_of(options: &CallOptions) -> Result<Instant, CallError> {
+    match options.deadline.as_millis() {
+        0 => Err(too_late()),
+        ms if ms > u128::from(limits::MAX_REMAINING_MS) => {
+            Err(CallError::invalid("remaining_ms", format!("expected 1 to {} ms, got {ms}", limits::MAX_REMAINING_MS)))
         }
-        Err(worst)
+        _ => Ok(Instant::now() + options.deadline),
     }
 }
 

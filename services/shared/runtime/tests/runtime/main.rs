@@ -1,5 +1,6 @@
 //! The runtime among several sessions and processes of its own. One program: what the network's futures are compiled to is the same for all.
 
+mod asking_all;
 mod calls;
 mod common;
 mod deploy;
