@@ -143,6 +143,7 @@ impl Caller {
             deadline,
             tried: Vec::new(),
             cancelled_at: Vec::new(),
+            left: None,
             attempts: 0,
         };
         // Debug, so that logs have no second span beside the worker's; a collector of traces gets it all the same.
@@ -208,6 +209,8 @@ struct Ongoing<'a> {
     tried: Vec<String>,
     /// Workers that were told to forget the request: asked again, they would say that it was cancelled.
     cancelled_at: Vec<String>,
+    /// Tells the worker of the attempt that was left last, once the call goes elsewhere or ends: asked again, it has one call of both attempts.
+    left: Option<CancelUnlessDone<'a>>,
     attempts: u32,
 }
 
@@ -352,22 +355,22 @@ impl Ongoing<'_> {
         let key = inner.target.call(assigned.name(), operates, self.options.cell.as_deref());
         let connection = inner.transport.connection();
         let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };
+        self.end_left(assigned.name());
         // A transport that does not take the query in time is like a worker that does not answer.
         let sent = tokio::time::timeout_at(self.deadline, inner.transport.query(&key, query)).await;
         let replies = match sent {
             Ok(Ok(replies)) => replies,
-            Ok(Err(error)) => return Next::Again(error.into()),
+            Ok(Err(error)) => {
+                self.left = Some(guard);
+                return Next::Again(error.into());
+            }
             Err(_) => return Next::Done(Err(too_late())),
         };
         let attempt = Attempt::new(replies, &self.id, self.options.progress.as_ref());
         let ended = self.watch(attempt, assigned.name(), remaining).await;
-        guard.armed = matches!(ended, Ended::Left | Ended::Overdue);
+        guard.armed = matches!(ended, Ended::Left | Ended::Overdue | Ended::Garbled(_));
         if matches!(ended, Ended::Left) {
-            // Without anyone else the same worker is asked again under the same id, which a cancel would forbid.
-            guard.armed = inner.directory.has_alternative(&self.wanted(), Some(assigned.name()));
-            if guard.armed {
-                self.cancelled_at.push(assigned.name().to_owned());
-            }
+            self.left = Some(guard);
         }
         let is_same_link = inner.transport.connection() == connection;
         if matches!(ended, Ended::Empty) && is_same_link {
@@ -387,6 +390,16 @@ impl Ongoing<'_> {
             self.note_refusal(error, assigned.name(), as_batch);
         }
         self.judge(ended, assigned.name())
+    }
+
+    /// Tells the worker of the attempt that was left, unless it is asked again: a cancel would forbid that.
+    fn end_left(&mut self, asked: &str) {
+        if let Some(mut left) = self.left.take() {
+            left.armed = left.worker != asked;
+            if left.armed {
+                self.cancelled_at.push(left.worker.clone());
+            }
+        }
     }
 
     /// Reads replies until the terminal one, the deadline, the cancel, or a reason to leave this worker.

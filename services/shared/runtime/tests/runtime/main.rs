@@ -6,6 +6,7 @@ mod common;
 mod deploy;
 mod deployment;
 mod journal;
+mod left_attempts;
 mod outage;
 mod pool;
 mod pubsub;
