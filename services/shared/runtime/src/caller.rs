@@ -24,13 +24,14 @@ use tracing::Instrument;
 use crate::RuntimeError;
 use crate::attempt::{Attempt, Ended};
 use crate::call_options::CallOptions;
+use crate::cancel::{CancelUnlessDone, cancel_at};
 use crate::config::CallerConfig;
 use crate::directory::{Assigned, Directory, Wanted, WorkerView};
 use crate::heeded::{self, BatchCall, Refused};
 use crate::kept_out::{self, is_kept_out};
 use crate::outage::{LOOK, Patience};
 use crate::target::Target;
-use crate::transport::{OutgoingQuery, Traffic, Transport};
+use crate::transport::{OutgoingQuery, Transport};
 
 /// By how much the network's own time limit of a query outlives the deadline: the caller's clock alone ends a call, and a stream that ends
 /// empty before then says that the worker is gone.
@@ -164,38 +165,12 @@ fn deadline_of(options: &CallOptions) -> Result<Instant, CallError> {
     }
 }
 
+fn given_up() -> CallError {
+    CallError::new(ErrorCode::Cancelled, "the caller cancelled")
+}
+
 fn too_late() -> CallError {
     CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before an answer came")
-}
-
-impl Inner {
-    fn cancel_at(&self, worker: &str, id: &str) -> impl Future<Output = ()> + Send + 'static {
-        let (transport, key) = (self.transport.clone(), self.target.workers_in.cancel(self.target.service, worker, id));
-        async move {
-            let payload = Payload { encoding: String::new(), bytes: Bytes::new() };
-            if let Err(error) = transport.put(&key, payload, Traffic::Call(Priority::Interactive)).await {
-                tracing::debug!(%error, "a cancel could not be sent");
-            }
-        }
-    }
-}
-
-/// Tells the worker when an attempt is left before its terminal reply, however that happens.
-struct CancelUnlessDone<'a> {
-    inner: &'a Inner,
-    worker: String,
-    id: String,
-    armed: bool,
-}
-
-impl Drop for CancelUnlessDone<'_> {
-    fn drop(&mut self) {
-        if self.armed
-            && let Ok(runtime) = tokio::runtime::Handle::try_current()
-        {
-            runtime.spawn(self.inner.cancel_at(&self.worker, &self.id));
-        }
-    }
 }
 
 /// One call under way.
@@ -326,7 +301,7 @@ impl Ongoing<'_> {
         }
         tokio::select! {
             () = tokio::time::sleep(wait) => Ok(()),
-            () = self.options.cancel.cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
+            () = self.options.cancel.cancelled() => Err(given_up()),
         }
     }
 
@@ -354,10 +329,19 @@ impl Ongoing<'_> {
         let operates = inner.target.service.operates(self.method) && inner.directory.operates(assigned.name());
         let key = inner.target.call(assigned.name(), operates, self.options.cell.as_deref());
         let connection = inner.transport.connection();
-        let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };
+        let (transport, target) = (&inner.transport, &inner.target);
+        let mut guard = CancelUnlessDone { transport, target, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };
         self.end_left(assigned.name());
         // A transport that does not take the query in time is like a worker that does not answer.
-        let sent = tokio::time::timeout_at(self.deadline, inner.transport.query(&key, query)).await;
+        let sent = tokio::select! {
+            biased;
+            sent = tokio::time::timeout_at(self.deadline, inner.transport.query(&key, query)) => sent,
+            () = self.given_up_unsent() => {
+                guard.armed = false;
+                self.tell_given_up(assigned.name(), self.grace_end()).await;
+                return Next::Done(Err(given_up()));
+            }
+        };
         let replies = match sent {
             Ok(Ok(replies)) => replies,
             Ok(Err(error)) => {
@@ -435,19 +419,38 @@ impl Ongoing<'_> {
         self.inner.directory.expected(worker).is_none_or(|expected| elapsed > expected * SLOW_FACTOR)
     }
 
-    /// Ends a call that its caller gave up. The cancel is on its way then: whoever gives calls up may close the session next. One that must not be
-    /// repeated tells what came of it, if its worker says so soon.
+    /// Ends a call that its caller gave up. One that must not be repeated tells what came of it, if its worker says so soon.
     async fn cancelled(&self, mut attempt: Attempt<'_>, worker: &str) -> Ended {
-        let grace = self.deadline.min(Instant::now() + Duration::from_millis(self.inner.config.cancel_grace_ms));
-        // By a task, which goes on where a link takes nothing: that holds nobody up for longer.
-        drop(tokio::time::timeout_at(grace, tokio::spawn(self.inner.cancel_at(worker, &self.id))).await);
+        let grace_end = self.grace_end();
+        self.tell_given_up(worker, grace_end).await;
         if self.options.idempotent {
             return Ended::Cancelled;
         }
-        match tokio::time::timeout_at(grace, attempt.next()).await {
+        match tokio::time::timeout_at(grace_end, attempt.next()).await {
             Ok(ended) => ended,
             Err(_) => Ended::Cancelled,
         }
+    }
+
+    /// Waits until the caller gives up while a link takes nothing. One that must not be repeated goes on for a while: its worker can tell what came of
+    /// what was sent after all.
+    async fn given_up_unsent(&self) {
+        self.options.cancel.cancelled().await;
+        if !self.options.idempotent {
+            tokio::time::sleep_until(self.grace_end()).await;
+        }
+    }
+
+    /// Until when a call that was given up may still take.
+    fn grace_end(&self) -> Instant {
+        self.deadline.min(Instant::now() + Duration::from_millis(self.inner.config.cancel_grace_ms))
+    }
+
+    /// Tells a worker that its call was given up. The cancel is on its way then: whoever gives calls up may close the session next.
+    async fn tell_given_up(&self, worker: &str, grace_end: Instant) {
+        // By a task, which goes on where a link takes nothing: that holds nobody up for longer.
+        let telling = tokio::spawn(cancel_at(&self.inner.transport, &self.inner.target, worker, &self.id));
+        drop(tokio::time::timeout_at(grace_end, telling).await);
     }
 
     fn judge(&self, ended: Ended, worker: &str) -> Next {
@@ -470,7 +473,7 @@ impl Ongoing<'_> {
                 format!("{} worker {worker} does not answer", self.inner.target.service),
             )),
             Ended::Garbled(error) => Next::Done(Err(CallError::internal(format!("worker {worker} answered garbage: {error}")))),
-            Ended::Cancelled => Next::Done(Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"))),
+            Ended::Cancelled => Next::Done(Err(given_up())),
             Ended::Overdue => Next::Done(Err(too_late())),
         }
     }

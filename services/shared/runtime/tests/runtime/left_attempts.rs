@@ -13,10 +13,17 @@ use repose_runtime::transport::{
 };
 use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeConfig, RuntimeError, Server, Session, Traffic};
 
-/// A link that does not take the first query.
+/// A link that does not take the first query: it refuses it, or does not come to it.
 struct FirstQueryLost {
     link: Arc<dyn Transport>,
     was_asked: AtomicBool,
+    refuses: bool,
+}
+
+impl FirstQueryLost {
+    fn on(link: Arc<dyn Transport>, refuses: bool) -> Arc<Self> {
+        Arc::new(Self { link, was_asked: AtomicBool::new(false), refuses })
+    }
 }
 
 #[async_trait::async_trait]
@@ -24,6 +31,9 @@ impl Transport for FirstQueryLost {
     async fn query(&self, key: &str, query: OutgoingQuery) -> Result<ReplyStream, RuntimeError> {
         if self.was_asked.swap(true, Ordering::SeqCst) {
             return self.link.query(key, query).await;
+        }
+        if !self.refuses {
+            std::future::pending::<()>().await;
         }
         Err(RuntimeError::Transport { operation: "querying".to_owned(), message: "refused on purpose".to_owned() })
     }
@@ -127,7 +137,28 @@ async fn a_worker_that_is_left_for_one_that_was_asked_before_is_told() {
 async fn a_call_that_a_link_has_refused_is_let_in_when_it_comes() {
     let network = FakeNetwork::new(FakeSettings::default());
     let _worker = worker(&network, "worker", Arc::new(Oddities::default())).await;
-    let caller = caller(Arc::new(FirstQueryLost { link: network.node("caller"), was_asked: AtomicBool::new(false) }), 1).await;
+    let caller = caller(FirstQueryLost::on(network.node("caller"), true), 1).await;
     let answer = caller.call("echo", word("hello"), options()).await.unwrap();
     assert_eq!((read(&answer.payload), answer.attempts), ("hello".to_owned(), 2));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_cancel_is_heard_while_a_link_takes_no_call() {
+    let network = FakeNetwork::new(FakeSettings::default());
+    let _worker = worker(&network, "worker", Arc::new(Oddities::default())).await;
+    for idempotent in [true, false] {
+        let caller = caller(FirstQueryLost::on(network.node("caller"), false), 1).await;
+        let options = CallOptions { idempotent, ..options() };
+        let cancel = options.cancel.clone();
+        let giving_up = async {
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            cancel.cancel();
+        };
+        let began = tokio::time::Instant::now();
+        let (ended, ()) = tokio::join!(caller.call("echo", word(""), options), giving_up);
+        assert_eq!(ended.unwrap_err().code, ErrorCode::Cancelled);
+        // What must not be repeated may have been sent after all, and is waited for a little.
+        let most = Duration::from_millis(if idempotent { 310 } else { 1310 });
+        assert!(began.elapsed() <= most, "{:?}", began.elapsed());
+    }
 }
