@@ -66,6 +66,22 @@ async fn writing_again_keeps_passwords_and_certificates_and_adds_users() {
     }
 }
 
+#[test]
+fn an_authority_whose_key_lies_elsewhere_stays_and_signs_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let with_newcomer = |login: &str| Roles::parse(&(roles_text(login) + "[users.newcomer]\nrole = \"viewer\"\n")).unwrap();
+    let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).unwrap();
+    write(&roles("both"), folder.path(), folder.path()).unwrap();
+    let authority = read("authority/authority.pem");
+    std::fs::remove_file(folder.path().join("authority/authority-key.pem")).unwrap();
+    write(&roles("both"), folder.path(), folder.path()).expect("everybody has a certificate");
+    let refused = write(&with_newcomer("both"), folder.path(), folder.path()).unwrap_err();
+    assert!(refused.path.ends_with("authority/authority-key.pem") && refused.message.contains("newcomer"), "{refused}");
+    write(&with_newcomer("password"), folder.path(), folder.path()).expect("a password is not signed");
+    assert_eq!([read("authority/authority.pem"), read("users/newcomer/authority.pem")], [authority.clone(), authority]);
+    assert!(!folder.path().join("authority/authority-key.pem").exists());
+}
+
 #[cfg(unix)]
 #[test]
 fn a_group_reads_the_secrets_that_it_is_given_and_never_the_authoritys() {
