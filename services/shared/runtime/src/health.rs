@@ -19,7 +19,7 @@ pub const METRICS: [(&str, &str); 22] = [
     ("repose_queue_seconds", "From a job's submission to the moment that a thread took it, seconds"),
     ("repose_compute_seconds", "Computing what a thread took at once, seconds"),
     ("repose_batch_jobs", "Jobs that a thread took at once"),
-    ("repose_refused_total", "Jobs refused or displaced for lack of room or time"),
+    ("repose_refused_total", "Calls and jobs refused or displaced for lack of room or time"),
     ("repose_refusals_heeded_total", "Batch calls that were not sent, by the service whose workers had just refused others like them"),
     ("repose_queue_waiting", "Jobs that wait"),
     ("repose_calls_running", "Calls being computed"),
