@@ -112,6 +112,37 @@ fn a_group_reads_the_secrets_that_it_is_given_and_never_the_authoritys() {
     assert_eq!((mode("users/newcomer/key.pem"), mode("authority/authority-key.pem")), (0o640, 0o600));
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn cameras_of_one_session_that_see_at_the_same_time_are_all_passed_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = roles_text("password") + "[users.pair]\nrole = \"driver\"\ncameras = [\"left\", \"right\"]\n";
+    write(&Roles::parse(&text).unwrap(), folder.path(), folder.path()).unwrap();
+    let (_router, endpoint) = router(folder.path()).await;
+    let session = async |user: &str| {
+        let file = folder.path().join(format!("users/{user}/zenoh.json5"));
+        open(SessionMode::Client, &endpoint, Some(&file)).await.unwrap()
+    };
+    let (pair, anna) = (session("pair").await, session("anna").await);
+    let keys = ["left", "right"].map(|camera| pair.cell().camera_frame(camera));
+    let [mut left, mut right] = [anna.subscribe_queue(&keys[0], 64).await.unwrap(), anna.subscribe_queue(&keys[1], 64).await.unwrap()];
+    let both = async {
+        let mut came = [0, 0];
+        while came.iter().any(|frames| *frames < 5) {
+            for key in &keys {
+                pair.put(key, word("a frame"), Traffic::Frame).await.unwrap();
+            }
+            // Ten frames a second of each.
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            for (heard, frames) in [&mut left, &mut right].into_iter().zip(&mut came) {
+                while heard.try_recv().is_some() {
+                    *frames += 1;
+                }
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(20), both).await.expect("both are heard");
+}
+
 /// Replaces the router's certificate by one for `host`, valid until `days` from now, of another authority where one is named.
 fn replace_certificate(folder: &Path, host: &str, days: i64, foreign: Option<&str>) {
     let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
