@@ -19,7 +19,7 @@ use super::answerer::Answerer;
 use crate::call::Call;
 use crate::call_key::CallKey;
 use crate::mailbox::{MailboxReceiver, mailbox};
-use crate::registry::{Admission, CallResult};
+use crate::registry::{Admission, CallResult, MAX_JOINED};
 use crate::shares::ForCell;
 use crate::stages::Stages;
 use crate::transport::IncomingQuery;
@@ -75,7 +75,12 @@ pub(super) async fn answer(shared: Arc<Shared>, query: IncomingQuery, call_key: 
             let admitted = Admitted { attachment: call, cell, payload, deadline, cancelled };
             return compute(shared, admitted, answerer).await;
         }
-        Admission::Join { outcome } => return join(outcome, deadline, answerer).await,
+        Admission::Join { outcome } => {
+            // The first has its own.
+            drop(payload);
+            return join(outcome, deadline, answerer).await;
+        }
+        Admission::Crowded => shared.no_place(format!("{MAX_JOINED} repetitions of this call wait for it already")),
         Admission::Cancelled => CallError::new(ErrorCode::Cancelled, "the caller cancelled before the call came"),
         Admission::Conflict => CallError::precondition("this id belongs to a different request").at("id"),
         Admission::Full => shared.no_place(format!("{} calls are open already", shared.config.max_open_calls)),
