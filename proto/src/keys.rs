@@ -39,6 +39,17 @@ impl Service {
         }
     }
 
+    /// The methods that its workers answer.
+    pub fn methods(self) -> &'static [&'static str] {
+        match self {
+            Self::Perception => &["segment", "latest", "scene"],
+            Self::Inference => &["prior", "score", "models", "forecasts"],
+            Self::Planner => &["place", "arrange"],
+            Self::Motion => &["plan", "execute", "reset", "recover"],
+            Self::Simulator => &["reset", "truth"],
+        }
+    }
+
     /// Whether a method moves a robot, lets it move again, or changes the world: what only operators may call. Such calls go to
     /// [`Cell::operate`].
     pub fn operates(self, method: &str) -> bool {

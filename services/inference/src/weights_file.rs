@@ -11,18 +11,32 @@ use crate::config::InferenceConfig;
 use crate::engine_of;
 use crate::worker::Worker;
 
-/// What distinguishes versions of a file: when it was written, and its length; `None` without a file.
+/// What distinguishes versions of a file: when it was written, its length, and which file it is; `None` without a file.
+///
+/// All weights of one recipe are as long, and images that are built reproducibly give every file the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Version(Option<(SystemTime, u64)>);
+pub struct Version(Option<(SystemTime, u64, u64)>);
 
 impl Version {
     /// The current version of the configured file.
     pub fn of(config: &InferenceConfig) -> Self {
         Self(config.weights.as_deref().and_then(|path| {
             let metadata = std::fs::metadata(path).ok()?;
-            Some((metadata.modified().ok()?, metadata.len()))
+            Some((metadata.modified().ok()?, metadata.len(), file_number(&metadata)))
         }))
     }
+}
+
+/// The number that the file system gives a file: another one where it was replaced.
+#[cfg(unix)]
+fn file_number(metadata: &std::fs::Metadata) -> u64 {
+    std::os::unix::fs::MetadataExt::ino(metadata)
+}
+
+/// Elsewhere files have none that can be asked for.
+#[cfg(not(unix))]
+fn file_number(_: &std::fs::Metadata) -> u64 {
+    0
 }
 
 /// Watches the configured file for a worker until the handle is dropped; `None` without a configured file or interval. `served` is the version
@@ -96,6 +110,22 @@ mod tests {
         assert_eq!(worker.engine().weights_hash(), hashes[0]);
         put(&path, &weights[1]);
         assert!(comes_to_be(&worker, &hashes[1]).await);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_in_anothers_place_is_another_version_though_it_is_as_long_and_as_old() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        let config = InferenceConfig { weights: Some(path.clone()), ..InferenceConfig::default() };
+        let version = |bytes: &[u8]| {
+            put(&path, bytes);
+            std::fs::File::options().write(true).open(&path).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
+            Version::of(&config)
+        };
+        let (first, second) = (version(b"one"), version(b"two"));
+        assert_ne!(first, second);
+        assert_eq!(Version::of(&config), second, "it stays the same as long as it is let be");
     }
 
     #[tokio::test(flavor = "multi_thread")]

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use repose_proto::{Payload, Priority};
 use tokio::sync::mpsc;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use crate::directory::Accept;
@@ -61,6 +62,11 @@ impl CallOptions {
     /// A call that must not happen twice.
     pub fn at_most_once(deadline: Duration) -> Self {
         Self { deadline, idempotent: false, ..Self::default() }
+    }
+
+    /// The same with what is left of the time until `deadline`: for a call that is one of several within it.
+    pub(crate) fn until(&self, deadline: Instant) -> Self {
+        Self { deadline: deadline.saturating_duration_since(Instant::now()), ..self.clone() }
     }
 
     /// A call on behalf of another: the same deadline, cancel, trace and cell. It is interactive: who was let in at one door, and is being worked for,

@@ -7,6 +7,8 @@
 //! While the router is away a call waits for it, up to its deadline: attempts that the outage ended do not count. A worker whose token
 //! nobody stands behind is left after one try.
 
+mod any;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,13 +24,14 @@ use tracing::Instrument;
 use crate::RuntimeError;
 use crate::attempt::{Attempt, Ended};
 use crate::call_options::CallOptions;
+use crate::cancel::{CancelUnlessDone, cancel_at};
 use crate::config::CallerConfig;
 use crate::directory::{Assigned, Directory, Wanted, WorkerView};
 use crate::heeded::{self, BatchCall, Refused};
 use crate::kept_out::{self, is_kept_out};
 use crate::outage::{LOOK, Patience};
 use crate::target::Target;
-use crate::transport::{OutgoingQuery, Traffic, Transport};
+use crate::transport::{OutgoingQuery, Transport};
 
 /// By how much the network's own time limit of a query outlives the deadline: the caller's clock alone ends a call, and a stream that ends
 /// empty before then says that the worker is gone.
@@ -123,21 +126,6 @@ impl Caller {
         }
     }
 
-    /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router. Whoever asks all of them needs to know none's load,
-    /// which over a slow link comes a round trip and a period later.
-    async fn wait_for_any(&self, deadline: Duration) -> Result<(), CallError> {
-        let (began, patience) = (Instant::now(), &self.inner.patience);
-        while self.workers().is_empty() && self.wait_for_workers(1, LOOK).await.is_err() {
-            if began.elapsed() >= deadline {
-                return Err(patience.at_deadline(patience.nobody().await));
-            }
-            if patience.is_over(began) {
-                return Err(patience.nobody().await);
-            }
-        }
-        Ok(())
-    }
-
     /// Makes a call. Ends within its deadline, exactly once.
     ///
     /// # Errors
@@ -145,16 +133,8 @@ impl Caller {
     /// retry left), `deadline_exceeded`, `cancelled`.
     pub async fn call(&self, method: &str, payload: Payload, options: CallOptions) -> Result<Answer, CallError> {
         message::check_size(payload.bytes.len())?;
-        let remaining_ms = options.deadline.as_millis();
-        if remaining_ms == 0 {
-            return Err(too_late());
-        }
-        if remaining_ms > u128::from(limits::MAX_REMAINING_MS) {
-            let message = format!("expected 1 to {} ms, got {remaining_ms}", limits::MAX_REMAINING_MS);
-            return Err(CallError::invalid("remaining_ms", message));
-        }
+        let deadline = deadline_of(&options)?;
         let id = options.id.clone().unwrap_or_else(|| uuid::Uuid::new_v4().to_string());
-        let deadline = Instant::now() + options.deadline;
         let ongoing = Ongoing {
             inner: &self.inner,
             method,
@@ -164,6 +144,7 @@ impl Caller {
             deadline,
             tried: Vec::new(),
             cancelled_at: Vec::new(),
+            left: None,
             attempts: 0,
         };
         // Debug, so that logs have no second span beside the worker's; a collector of traces gets it all the same.
@@ -171,65 +152,25 @@ impl Caller {
         crate::trace::continue_from(&span, options.traceparent.as_deref());
         ongoing.run().instrument(span).await
     }
+}
 
-    /// Makes the same call to every worker alive and returns the first result: who holds it, whoever that is.
-    ///
-    /// # Errors
-    /// When nobody has a result: `not_found` if anyone said so, otherwise the last error; `unavailable` when nobody is alive.
-    pub async fn call_any(&self, method: &str, payload: &Payload, options: &CallOptions) -> Result<Answer, CallError> {
-        self.wait_for_any(options.deadline).await?;
-        let mut calls: futures::stream::FuturesUnordered<_> = self
-            .workers()
-            .into_iter()
-            .map(|worker| {
-                let options = CallOptions { worker: Some(worker.name), id: None, ..options.clone() };
-                self.call(method, payload.clone(), options)
-            })
-            .collect();
-        let mut worst = CallError::new(ErrorCode::Unavailable, format!("no worker of {} answered", self.inner.target));
-        while let Some(ended) = futures::StreamExt::next(&mut calls).await {
-            match ended {
-                Ok(answer) => return Ok(answer),
-                Err(error) if worst.code != ErrorCode::NotFound => worst = error,
-                Err(_) => {}
-            }
+/// When a call with these options ends.
+fn deadline_of(options: &CallOptions) -> Result<Instant, CallError> {
+    match options.deadline.as_millis() {
+        0 => Err(too_late()),
+        ms if ms > u128::from(limits::MAX_REMAINING_MS) => {
+            Err(CallError::invalid("remaining_ms", format!("expected 1 to {} ms, got {ms}", limits::MAX_REMAINING_MS)))
         }
-        Err(worst)
+        _ => Ok(Instant::now() + options.deadline),
     }
+}
+
+fn given_up() -> CallError {
+    CallError::new(ErrorCode::Cancelled, "the caller cancelled")
 }
 
 fn too_late() -> CallError {
     CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before an answer came")
-}
-
-impl Inner {
-    fn cancel_at(&self, worker: &str, id: &str) -> impl Future<Output = ()> + Send + 'static {
-        let (transport, key) = (self.transport.clone(), self.target.workers_in.cancel(self.target.service, worker, id));
-        async move {
-            let payload = Payload { encoding: String::new(), bytes: Bytes::new() };
-            if let Err(error) = transport.put(&key, payload, Traffic::Call(Priority::Interactive)).await {
-                tracing::debug!(%error, "a cancel could not be sent");
-            }
-        }
-    }
-}
-
-/// Tells the worker when an attempt is left before its terminal reply, however that happens.
-struct CancelUnlessDone<'a> {
-    inner: &'a Inner,
-    worker: String,
-    id: String,
-    armed: bool,
-}
-
-impl Drop for CancelUnlessDone<'_> {
-    fn drop(&mut self) {
-        if self.armed
-            && let Ok(runtime) = tokio::runtime::Handle::try_current()
-        {
-            runtime.spawn(self.inner.cancel_at(&self.worker, &self.id));
-        }
-    }
 }
 
 /// One call under way.
@@ -243,6 +184,8 @@ struct Ongoing<'a> {
     tried: Vec<String>,
     /// Workers that were told to forget the request: asked again, they would say that it was cancelled.
     cancelled_at: Vec<String>,
+    /// Tells the worker of the attempt that was left last, once the call goes elsewhere or ends: asked again, it has one call of both attempts.
+    left: Option<CancelUnlessDone<'a>>,
     attempts: u32,
 }
 
@@ -358,7 +301,7 @@ impl Ongoing<'_> {
         }
         tokio::select! {
             () = tokio::time::sleep(wait) => Ok(()),
-            () = self.options.cancel.cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
+            () = self.options.cancel.cancelled() => Err(given_up()),
         }
     }
 
@@ -386,23 +329,32 @@ impl Ongoing<'_> {
         let operates = inner.target.service.operates(self.method) && inner.directory.operates(assigned.name());
         let key = inner.target.call(assigned.name(), operates, self.options.cell.as_deref());
         let connection = inner.transport.connection();
-        let mut guard = CancelUnlessDone { inner, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };
+        let (transport, target) = (&inner.transport, &inner.target);
+        let mut guard = CancelUnlessDone { transport, target, worker: assigned.name().to_owned(), id: self.id.clone(), armed: true };
+        self.end_left(assigned.name());
         // A transport that does not take the query in time is like a worker that does not answer.
-        let sent = tokio::time::timeout_at(self.deadline, inner.transport.query(&key, query)).await;
+        let sent = tokio::select! {
+            biased;
+            sent = tokio::time::timeout_at(self.deadline, inner.transport.query(&key, query)) => sent,
+            () = self.given_up_unsent() => {
+                guard.armed = false;
+                self.tell_given_up(assigned.name(), self.grace_end()).await;
+                return Next::Done(Err(given_up()));
+            }
+        };
         let replies = match sent {
             Ok(Ok(replies)) => replies,
-            Ok(Err(error)) => return Next::Again(error.into()),
+            Ok(Err(error)) => {
+                self.left = Some(guard);
+                return Next::Again(error.into());
+            }
             Err(_) => return Next::Done(Err(too_late())),
         };
         let attempt = Attempt::new(replies, &self.id, self.options.progress.as_ref());
         let ended = self.watch(attempt, assigned.name(), remaining).await;
-        guard.armed = matches!(ended, Ended::Left | Ended::Overdue);
+        guard.armed = matches!(ended, Ended::Left | Ended::Overdue | Ended::Garbled(_));
         if matches!(ended, Ended::Left) {
-            // Without anyone else the same worker is asked again under the same id, which a cancel would forbid.
-            guard.armed = inner.directory.has_alternative(&self.wanted(), Some(assigned.name()));
-            if guard.armed {
-                self.cancelled_at.push(assigned.name().to_owned());
-            }
+            self.left = Some(guard);
         }
         let is_same_link = inner.transport.connection() == connection;
         if matches!(ended, Ended::Empty) && is_same_link {
@@ -422,6 +374,16 @@ impl Ongoing<'_> {
             self.note_refusal(error, assigned.name(), as_batch);
         }
         self.judge(ended, assigned.name())
+    }
+
+    /// Tells the worker of the attempt that was left, unless it is asked again: a cancel would forbid that.
+    fn end_left(&mut self, asked: &str) {
+        if let Some(mut left) = self.left.take() {
+            left.armed = left.worker != asked;
+            if left.armed {
+                self.cancelled_at.push(left.worker.clone());
+            }
+        }
     }
 
     /// Reads replies until the terminal one, the deadline, the cancel, or a reason to leave this worker.
@@ -457,19 +419,38 @@ impl Ongoing<'_> {
         self.inner.directory.expected(worker).is_none_or(|expected| elapsed > expected * SLOW_FACTOR)
     }
 
-    /// Ends a call that its caller gave up. The cancel is on its way then: whoever gives calls up may close the session next. One that must not be
-    /// repeated tells what came of it, if its worker says so soon.
+    /// Ends a call that its caller gave up. One that must not be repeated tells what came of it, if its worker says so soon.
     async fn cancelled(&self, mut attempt: Attempt<'_>, worker: &str) -> Ended {
-        let grace = self.deadline.min(Instant::now() + Duration::from_millis(self.inner.config.cancel_grace_ms));
-        // By a task, which goes on where a link takes nothing: that holds nobody up for longer.
-        drop(tokio::time::timeout_at(grace, tokio::spawn(self.inner.cancel_at(worker, &self.id))).await);
+        let grace_end = self.grace_end();
+        self.tell_given_up(worker, grace_end).await;
         if self.options.idempotent {
             return Ended::Cancelled;
         }
-        match tokio::time::timeout_at(grace, attempt.next()).await {
+        match tokio::time::timeout_at(grace_end, attempt.next()).await {
             Ok(ended) => ended,
             Err(_) => Ended::Cancelled,
         }
+    }
+
+    /// Waits until the caller gives up while a link takes nothing. One that must not be repeated goes on for a while: its worker can tell what came of
+    /// what was sent after all.
+    async fn given_up_unsent(&self) {
+        self.options.cancel.cancelled().await;
+        if !self.options.idempotent {
+            tokio::time::sleep_until(self.grace_end()).await;
+        }
+    }
+
+    /// Until when a call that was given up may still take.
+    fn grace_end(&self) -> Instant {
+        self.deadline.min(Instant::now() + Duration::from_millis(self.inner.config.cancel_grace_ms))
+    }
+
+    /// Tells a worker that its call was given up. The cancel is on its way then: whoever gives calls up may close the session next.
+    async fn tell_given_up(&self, worker: &str, grace_end: Instant) {
+        // By a task, which goes on where a link takes nothing: that holds nobody up for longer.
+        let telling = tokio::spawn(cancel_at(&self.inner.transport, &self.inner.target, worker, &self.id));
+        drop(tokio::time::timeout_at(grace_end, telling).await);
     }
 
     fn judge(&self, ended: Ended, worker: &str) -> Next {
@@ -492,7 +473,7 @@ impl Ongoing<'_> {
                 format!("{} worker {worker} does not answer", self.inner.target.service),
             )),
             Ended::Garbled(error) => Next::Done(Err(CallError::internal(format!("worker {worker} answered garbage: {error}")))),
-            Ended::Cancelled => Next::Done(Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"))),
+            Ended::Cancelled => Next::Done(Err(given_up())),
             Ended::Overdue => Next::Done(Err(too_late())),
         }
     }

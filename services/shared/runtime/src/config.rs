@@ -307,10 +307,14 @@ pub fn load_config<T: DeserializeOwned>(section: &str, file: Option<&Path>) -> R
             }
         }
     }
-    let prefix = format!("REPOSE_{}", section.to_uppercase());
-    let environment = config::Environment::with_prefix(&prefix).prefix_separator("__").separator("__").try_parsing(true);
-    let merged = builder.add_source(environment).build().map_err(|e| fail(&e))?;
+    let merged = builder.add_source(environment(section)).build().map_err(|e| fail(&e))?;
     merged.try_deserialize().map_err(|e| fail(&e))
+}
+
+/// A section's variables, each as the text that it is: its field's type says how to read it. A guess from the text alone would make the cell `01`
+/// the cell `1`, the worker `1e5` the worker `100000`, and of a count `nan` 0.
+fn environment(section: &str) -> config::Environment {
+    config::Environment::with_prefix(&format!("REPOSE_{}", section.to_uppercase())).prefix_separator("__").separator("__")
 }
 
 /// A list, or one string with commas, as an environment variable has it; for `#[serde(deserialize_with = "…")]`.
@@ -354,6 +358,39 @@ mod tests {
     fn an_unknown_field_or_section_is_refused_by_name() {
         assert!(load("[session]\nlaese_ms = 3\n").unwrap_err().to_string().contains("laese_ms"));
         assert!(load("[sesion]\nlease_ms = 3\n").unwrap_err().to_string().contains("sesion"));
+    }
+
+    /// A section as these variables have it, `FIELD` and its text.
+    fn from_environment<T: DeserializeOwned>(section: &str, variables: &[(&str, &str)]) -> Result<T, config::ConfigError> {
+        let named = |(field, text): &(&str, &str)| (format!("REPOSE_{}__{field}", section.to_uppercase()), (*text).to_owned());
+        let source = environment(section).source(Some(variables.iter().map(named).collect()));
+        config::Config::builder().add_source(source).build()?.try_deserialize()
+    }
+
+    #[test]
+    fn names_of_the_environment_that_look_like_numbers_stay_as_they_are_spelt() {
+        for name in ["01", "007", "1e5", "0x10", "inf", "true", "20261127165900123456789"] {
+            let session: SessionConfig = from_environment("session", &[("CELL", name), ("CONNECT", name)]).unwrap();
+            assert_eq!((session.cell.as_str(), session.connect), (name, vec![name.to_owned()]));
+            let worker: WorkerConfig = from_environment("worker", &[("NAME", name)]).unwrap();
+            assert_eq!(worker.name.as_deref(), Some(name));
+        }
+    }
+
+    #[test]
+    fn variables_are_read_as_what_their_fields_are() {
+        let session: SessionConfig =
+            from_environment("session", &[("MODE", "client"), ("LEASE_MS", "3000"), ("CONNECT", "tcp/a:1, tcp/b:2")]).unwrap();
+        assert_eq!((session.mode, session.lease_ms, session.connect.len()), (SessionMode::Client, 3000, 2));
+        let caller: CallerConfig =
+            from_environment("caller", &[("ATTEMPT_SHARE", "0.25"), ("PACKED_SCENES", "true"), ("SEED", "7"), ("RETRIES", "1")]).unwrap();
+        assert_eq!((caller.attempt_share, caller.packed_scenes, caller.seed, caller.retries), (0.25, true, Some(7), 1));
+        let worker: WorkerConfig = from_environment("worker", &[("SHARES__LINE-1__WEIGHT", "2.5")]).unwrap();
+        assert_eq!(worker.shares["line-1"].weight, Some(2.5));
+        for text in ["nan", "2.7", "-1", "soon"] {
+            let refused = from_environment::<CallerConfig>("caller", &[("RETRIES", text)]).unwrap_err();
+            assert!(refused.to_string().contains("retries"), "{refused}");
+        }
     }
 
     #[test]

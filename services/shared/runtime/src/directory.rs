@@ -22,6 +22,8 @@ const LOAD_CAPACITY: usize = 1024;
 const REMEMBERED: Duration = Duration::from_secs(30);
 /// The service time assumed before a worker has told, milliseconds.
 const ASSUMED_SERVICE_MS: f64 = 1.0;
+/// The longest time for which a call is expected to take, milliseconds: beyond every deadline. A load is somebody else's to write, and may say anything.
+const MOST_EXPECTED_MS: f64 = 1e9;
 
 /// Decides by its load whether a worker may take a call: by its weights and kernel, for one.
 pub type Accept = Arc<dyn Fn(&WorkerLoad) -> bool + Send + Sync>;
@@ -61,9 +63,9 @@ impl Entry {
 
     /// What another call would have to wait for, roughly, milliseconds. Published depths lag behind, so our own calls count too.
     fn cost_ms(&self) -> f64 {
-        let (reported, service_ms) = self.load.as_ref().map_or((0, 0.0), |l| (l.queue_depth + l.in_flight, l.service_ms));
+        let (reported, service_ms) = self.load.as_ref().map_or((0, 0.0), |l| (l.queue_depth.saturating_add(l.in_flight), l.service_ms));
         let service_ms = if service_ms > 0.0 { service_ms } else { ASSUMED_SERVICE_MS };
-        (reported.max(self.outstanding) + 1) as f64 * service_ms
+        (reported.max(self.outstanding) as f64 + 1.0) * service_ms
     }
 
     fn takes_calls(&self) -> bool {
@@ -249,9 +251,7 @@ impl Directory {
 
     /// How long a call should take on a worker by what it reports of itself; none before it has served one.
     pub fn expected(&self, worker: &str) -> Option<Duration> {
-        let state = self.shared.state();
-        let load = state.workers.get(worker)?.load.as_ref()?;
-        (load.service_ms > 0.0).then(|| Duration::from_secs_f64((load.queue_depth + 1) as f64 * load.service_ms.min(1e9) / 1e3))
+        expected_of(self.shared.state().workers.get(worker)?.load.as_ref()?)
     }
 
     /// Whether anyone besides `besides` could take a call: alive, heard from, not draining, not tried.
@@ -273,6 +273,11 @@ impl Directory {
     pub fn changed(&self) -> tokio::sync::futures::Notified<'_> {
         self.shared.changed.notified()
     }
+}
+
+fn expected_of(load: &WorkerLoad) -> Option<Duration> {
+    let ms = (load.queue_depth as f64 + 1.0) * load.service_ms;
+    (ms > 0.0).then(|| Duration::from_secs_f64(ms.min(MOST_EXPECTED_MS) / 1e3))
 }
 
 /// The index of one of `count` things by a number between 0 and 1.
@@ -354,5 +359,27 @@ async fn keep(shared: Arc<Shared>, mut loads: Subscription, mut alive: AliveWatc
                 false => return,
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_worker_that_tells_of_more_calls_than_can_be_is_not_taken_for_an_idle_one() {
+        let told = |queue_depth, in_flight| WorkerLoad { queue_depth, in_flight, service_ms: 1e9, ..WorkerLoad::default() };
+        let idle = Entry::new(true, Some(told(0, 0)));
+        for load in [told(usize::MAX, usize::MAX), told(usize::MAX, 0), told(1 << 53, 1)] {
+            assert!(Entry::new(true, Some(load.clone())).cost_ms() > idle.cost_ms());
+            assert_eq!(expected_of(&load), Some(Duration::from_secs(1_000_000)));
+        }
+    }
+
+    #[test]
+    fn a_call_is_expected_to_take_its_turn_and_nothing_is_known_before_the_first() {
+        let told = |queue_depth, service_ms| WorkerLoad { queue_depth, service_ms, ..WorkerLoad::default() };
+        assert_eq!(expected_of(&told(4, 20.0)), Some(Duration::from_millis(100)));
+        assert_eq!([expected_of(&told(4, 0.0)), expected_of(&told(4, -1.0))], [None, None]);
     }
 }

@@ -19,7 +19,7 @@ pub const METRICS: [(&str, &str); 22] = [
     ("repose_queue_seconds", "From a job's submission to the moment that a thread took it, seconds"),
     ("repose_compute_seconds", "Computing what a thread took at once, seconds"),
     ("repose_batch_jobs", "Jobs that a thread took at once"),
-    ("repose_refused_total", "Jobs refused or displaced for lack of room or time"),
+    ("repose_refused_total", "Calls and jobs refused or displaced for lack of room or time"),
     ("repose_refusals_heeded_total", "Batch calls that were not sent, by the service whose workers had just refused others like them"),
     ("repose_queue_waiting", "Jobs that wait"),
     ("repose_calls_running", "Calls being computed"),
@@ -143,14 +143,34 @@ async fn metrics_page(State(told): State<Told>) -> String {
 /// What the operating system knows of the process.
 #[cfg(target_os = "linux")]
 fn process_metrics() {
-    let page_bytes = 4096.0;
-    if let Some(pages) = std::fs::read_to_string("/proc/self/statm").ok().and_then(|text| text.split(' ').nth(1)?.parse::<f64>().ok()) {
-        metrics::gauge!("process_resident_memory_bytes").set(pages * page_bytes);
+    if let Some(bytes) = std::fs::read_to_string("/proc/self/status").ok().and_then(|status| resident_bytes(&status)) {
+        metrics::gauge!("process_resident_memory_bytes").set(bytes);
     }
     if let Ok(open) = std::fs::read_dir("/proc/self/fd") {
         metrics::gauge!("process_open_fds").set(open.count() as f64);
     }
 }
 
+/// The memory in use, of the lines of `/proc/self/status`. These count in KiB on every machine; `statm` counts in pages, of which some have 16 or 64 KiB.
+#[cfg(target_os = "linux")]
+fn resident_bytes(status: &str) -> Option<f64> {
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    Some(line.trim().strip_suffix(" kB")?.parse::<f64>().ok()? * 1024.0)
+}
+
 #[cfg(not(target_os = "linux"))]
 fn process_metrics() {}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn resident_memory_is_read_in_its_unit_whatever_a_page_has() {
+        let status = "Name:\trepose\nVmHWM:\t  300000 kB\nVmRSS:\t  123456 kB\nRssAnon:\t   99 kB\n";
+        assert_eq!(resident_bytes(status), Some(126_418_944.0));
+        let ours = std::fs::read_to_string("/proc/self/status").expect("Linux tells it");
+        assert!(resident_bytes(&ours).is_some_and(|bytes| bytes > 1e5), "{ours}");
+        assert_eq!(resident_bytes("Name:\tkernel thread\n"), None);
+    }
+}

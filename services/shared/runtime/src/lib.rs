@@ -57,6 +57,7 @@ mod call;
 mod call_key;
 mod call_options;
 mod caller;
+mod cancel;
 mod cell_callers;
 mod config;
 pub mod deployment;

@@ -130,7 +130,9 @@ impl RawSession {
     pub async fn query(&self, asked: QueryRecipients, message: RawMessage, timeout: Duration) -> Result<RawReplies, RuntimeError> {
         let (sender, replies) = mailbox(REPLIES);
         let token = zenoh::cancellation::CancellationToken::default();
-        let (session, cancel) = (self.transport.session.clone(), token.clone());
+        // From here on: one that is given up while it waits for room is not sent, or is forgotten.
+        let forgetting = CancelOnDrop(token.clone());
+        let (session, cancel) = (self.transport.session.clone(), token);
         let (target, keys) = match asked {
             QueryRecipients::Servers => (QueryTarget::AllComplete, ReplyKeyExpr::MatchingQuery),
             QueryRecipients::Caches => (QueryTarget::All, ReplyKeyExpr::Any),
@@ -154,7 +156,7 @@ impl RawSession {
                 .wait()
         })
         .await?;
-        Ok(RawReplies { replies, _query: Box::new(CancelOnDrop(token)) })
+        Ok(RawReplies { replies, _query: Box::new(forgetting) })
     }
 
     /// Serves a key, as one who answers for all of it: at most `capacity` queries wait to be taken, the next are let go.

@@ -14,6 +14,8 @@ use crate::shares::{ForCell, leaves_room};
 
 /// Cancels remembered at once; the oldest go first.
 const MAX_CANCELS: usize = 4096;
+/// Repetitions of one call that may wait for it to end: more than there are attempts at one.
+pub const MAX_JOINED: usize = 16;
 
 /// The result of a call: its payload, or its error.
 pub type CallResult = Result<Payload, CallError>;
@@ -30,6 +32,8 @@ pub enum Admission {
         /// Holds the outcome once there is one.
         outcome: watch::Receiver<Option<CallResult>>,
     },
+    /// The same call is open, and many wait for it already.
+    Crowded,
     /// Cancelled before it came.
     Cancelled,
     /// The same id with a different request.
@@ -86,6 +90,7 @@ impl Registry {
         let (id, fingerprint) = (call.id.as_str(), fingerprint(&call.method, payload));
         if let Some(entry) = self.open.get(id).or_else(|| self.kept.get(id)) {
             return match entry.fingerprint == fingerprint {
+                true if entry.outcome.receiver_count() >= MAX_JOINED => Admission::Crowded,
                 true => Admission::Join { outcome: entry.outcome.subscribe() },
                 false => Admission::Conflict,
             };
@@ -209,6 +214,20 @@ mod tests {
         registry.finish("a", Ok(payload("done")), false);
         assert_eq!(outcome.wait_for(Option::is_some).await.unwrap().clone(), Some(Ok(payload("done"))));
         assert!(matches!(admit(&mut registry, "a", "2"), Admission::Compute { .. }));
+    }
+
+    #[tokio::test]
+    async fn no_more_than_the_bound_wait_for_one_call() {
+        let mut registry = Registry::new(4, 4);
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Compute { .. }));
+        let mut waiting = Vec::new();
+        for _ in 0..MAX_JOINED {
+            let Admission::Join { outcome } = admit(&mut registry, "a", "1") else { panic!("expected to join") };
+            waiting.push(outcome);
+        }
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Crowded));
+        drop(waiting.pop());
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Join { .. }), "one has gone");
     }
 
     #[tokio::test]

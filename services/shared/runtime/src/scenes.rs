@@ -11,6 +11,7 @@ use lru::LruCache;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::perception::{ByteRange, LatestRequest, ScenePart, SceneRequest};
 use repose_proto::{CallError, ErrorCode, Payload, PlaceRequest, PlaceResult, Scene, SceneSummary};
+use tokio::time::Instant;
 
 use crate::{Answer, CallOptions, Caller};
 
@@ -143,13 +144,14 @@ pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOpti
 /// # Errors
 /// `not_found` when no worker has the scene; those of [`Caller::call_any`].
 pub async fn fetch_scene_payload(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Payload, CallError> {
+    let deadline = Instant::now() + options.deadline;
     let fetched = fetch_parts(perception, request, options).await;
     if !fetched.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
         return fetched;
     }
     // Workers of release 1 know scenes in plain form and whole only.
     let plain = Payload::json(&SceneRequest::new(&request.scene_id))?;
-    Ok(perception.call_any("scene", &plain, options).await?.payload)
+    Ok(perception.call_any("scene", &plain, &options.until(deadline)).await?.payload)
 }
 
 /// Bytes of a part. A router closes a link on which one message waits for five seconds: links of half a Mbit/s bear this, as does what TCP makes of
@@ -161,12 +163,11 @@ const PARTS_AT_ONCE: u32 = 16;
 
 /// A scene's payload, put together from its parts.
 async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Payload, CallError> {
-    let until = tokio::time::Instant::now() + options.deadline;
+    let deadline = Instant::now() + options.deadline;
     let ask = |k: u32| async move {
         let part = ByteRange { offset: k * PART_BYTES, length: PART_BYTES };
         let request = Payload::json(&SceneRequest { part: Some(part), ..request.clone() })?;
-        let left = until.saturating_duration_since(tokio::time::Instant::now());
-        perception.call_any("scene", &request, &CallOptions { deadline: left, ..options.clone() }).await
+        perception.call_any("scene", &request, &options.until(deadline)).await
     };
     let mut under_way: FuturesOrdered<_> = (0..PARTS_AT_ONCE).map(ask).collect();
     let mut next = PARTS_AT_ONCE;
@@ -238,13 +239,12 @@ impl Caller {
         encode: impl Fn(Option<&Scene>) -> Result<Payload, CallError>,
         options: CallOptions,
     ) -> Result<Answer, CallError> {
-        let deadline = tokio::time::Instant::now() + options.deadline;
+        let deadline = Instant::now() + options.deadline;
         let by_id = self.call(method, encode(None)?, options.clone()).await;
         match (by_id, scene) {
             (Err(error), Some(scene)) if lacks_scene(&error) => {
-                let left = deadline.saturating_duration_since(tokio::time::Instant::now());
                 // Another request than the first, and so under another id, unless its caller chose one.
-                self.call(method, encode(Some(scene))?, CallOptions { deadline: left, ..options }).await
+                self.call(method, encode(Some(scene))?, options.until(deadline)).await
             }
             (answered, _) => answered,
         }

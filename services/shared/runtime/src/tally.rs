@@ -17,17 +17,12 @@ pub(crate) struct Tally {
 impl Tally {
     /// Counts how a call ended, and says so in the log.
     pub(crate) fn count(&self, service: Service, method: &str, outcome: &Result<Payload, CallError>, took: Duration) {
-        let service = service.as_str();
-        let (code, is_unknown) = match outcome {
-            Ok(_) => ("result", false),
-            Err(error) => (error.code.as_str(), error.field.as_deref() == Some("method")),
-        };
+        let code = outcome.as_ref().map_or_else(|error| error.code.as_str(), |_| "result");
         self.ended.fetch_add(1, Ordering::Relaxed);
         self.failed.fetch_add(u64::from(outcome.as_ref().is_err_and(|error| error.code.is_workers())), Ordering::Relaxed);
-        // Callers make methods up; the names of metrics are ours.
-        let known = if is_unknown { "unknown" } else { method }.to_owned();
-        metrics::counter!("repose_requests_total", "service" => service, "method" => known.clone(), "code" => code).increment(1);
-        metrics::histogram!("repose_request_seconds", "service" => service, "method" => known).record(took.as_secs_f64());
+        let (method, service) = (label_of(service, method, outcome).to_owned(), service.as_str());
+        metrics::counter!("repose_requests_total", "service" => service, "method" => method.clone(), "code" => code).increment(1);
+        metrics::histogram!("repose_request_seconds", "service" => service, "method" => method).record(took.as_secs_f64());
         let took_ms = took.as_millis() as u64;
         match outcome {
             Err(error) if error.code == ErrorCode::Internal => tracing::error!(%error, took_ms, "ended"),
@@ -44,9 +39,24 @@ impl Tally {
     }
 }
 
+/// What metrics call a method. Callers make methods up, and each would be a series of its own for as long as the worker lives: also where a call was
+/// refused, or its time was over, before its method was looked at.
+fn label_of<'a>(service: Service, method: &'a str, outcome: &Result<Payload, CallError>) -> &'a str {
+    let is_known = outcome.is_ok() || service.methods().contains(&method);
+    if is_known { method } else { "unknown" }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn methods_that_callers_make_up_are_no_labels_however_their_calls_end() {
+        let ended = |code, method| label_of(Service::Motion, method, &Err(CallError::new(code, "")));
+        for code in [ErrorCode::InvalidArgument, ErrorCode::ResourceExhausted, ErrorCode::Cancelled, ErrorCode::DeadlineExceeded] {
+            assert_eq!((ended(code, "made-up"), ended(code, "place"), ended(code, "plan")), ("unknown", "unknown", "plan"));
+        }
+    }
 
     #[test]
     fn what_the_caller_did_wrong_is_no_failure_of_the_worker() {

@@ -4,11 +4,12 @@
 //! plain words whom it did not let in and what it refused.
 
 use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::io::IsTerminal;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 
+use lru::LruCache;
 use tracing::field::{Field, Visit};
 use tracing::{Event, Level, Metadata, Subscriber};
 use tracing_subscriber::filter::FilterExt;
@@ -98,8 +99,8 @@ fn is_refusal(metadata: &Metadata<'_>) -> bool {
 /// Says in our words, and once for each, what the router refuses.
 struct Refusals {
     found: SyncSender<(&'static str, String)>,
-    /// Which user a session is, by its id.
-    subjects: Mutex<BTreeMap<String, String>>,
+    /// Which user a session is, by its id: a router that runs for long sees many, of which the last ones count.
+    subjects: Mutex<LruCache<String, String>>,
 }
 
 thread_local! {
@@ -113,7 +114,7 @@ thread_local! {
 const MOST_WAITING: usize = 256;
 /// Different refusals that are said; further ones are counted only, for nobody may fill a log from afar.
 const MOST_SAID: usize = 1000;
-/// Sessions whose user is remembered.
+/// Sessions whose user is remembered; the one that was heard of least recently is forgotten first.
 const MOST_SUBJECTS: usize = 4096;
 /// The last of the permissions that access control works out together.
 const LAST_CACHED: &str = "Declare Liveliness Subscriber (";
@@ -134,7 +135,7 @@ impl Refusals {
         if let Err(error) = std::thread::Builder::new().name("refusals".to_owned()).spawn(say) {
             eprintln!("what the router refuses will not be said: {error}");
         }
-        Self { found, subjects: Mutex::default() }
+        Self { found, subjects: Mutex::new(LruCache::unbounded()) }
     }
 
     /// A refusal in our words, if the line is one.
@@ -168,8 +169,9 @@ impl Refusals {
         let mut subjects = self.subjects.lock().unwrap_or_else(PoisonError::into_inner);
         match decision.subject {
             Some(subject) => {
-                if subjects.len() < MOST_SUBJECTS {
-                    subjects.insert(decision.session.to_owned(), subject.to_owned());
+                subjects.put(decision.session.to_owned(), subject.to_owned());
+                if subjects.len() > MOST_SUBJECTS {
+                    subjects.pop_lru();
                 }
                 subject.to_owned()
             }
@@ -307,6 +309,21 @@ mod tests {
         let tried = format!("Using cached result: 3f is unauthorized to Put (ingress) on {key}");
         let (_, words) = refusals.refusal(ACCESS, &tried).expect("a refusal");
         assert!(words.contains("lo+anna may not Put at"), "the user is known from before: {words}");
+    }
+
+    #[test]
+    fn the_user_of_a_session_is_known_however_many_came_before() {
+        let refusals = Refusals::start();
+        let (last, key) = (MOST_SUBJECTS + 1, "repose/v1/lab/scene/front");
+        for i in 0..=last {
+            assert_eq!(refusals.refusal(ACCESS, &format!("{i:x} on lo+user-{i} is authorized to Put (ingress) on {key}")), None);
+        }
+        let said = |session: usize| {
+            let tried = format!("Using cached result: {session:x} is unauthorized to Put (ingress) on {key}");
+            refusals.refusal(ACCESS, &tried).expect("a refusal").1
+        };
+        assert!(said(last).contains(&format!("lo+user-{last} may not Put")), "{}", said(last));
+        assert!(said(0).contains("session 0 may not Put"), "{}", said(0));
     }
 
     #[test]

@@ -192,7 +192,9 @@ impl Transport for ZenohTransport {
     async fn query(&self, key: &str, query: OutgoingQuery) -> Result<ReplyStream, RuntimeError> {
         let (sender, replies) = mailbox(REPLY_CAPACITY);
         let token = zenoh::cancellation::CancellationToken::default();
-        let (session, key, cancel) = (self.session.clone(), key.to_owned(), token.clone());
+        // From here on: one that is given up while it waits for room is not sent, or is forgotten.
+        let forgetting = CancelOnDrop(token.clone());
+        let (session, key, cancel) = (self.session.clone(), key.to_owned(), token);
         // A router gives a query up as well as the session: whichever is later has nothing to add.
         let given_up = AtomicBool::new(false);
         send("querying", true, move || {
@@ -221,7 +223,7 @@ impl Transport for ZenohTransport {
                 .wait()
         })
         .await?;
-        Ok(ReplyStream { replies, _query: Box::new(CancelOnDrop(token)) })
+        Ok(ReplyStream { replies, _query: Box::new(forgetting) })
     }
 
     async fn serve(&self, key: &str, capacity: usize) -> Result<IncomingQueries, RuntimeError> {
@@ -346,5 +348,38 @@ impl Transport for ZenohTransport {
             Ok(closed) => closed.map_err(|e| RuntimeError::transport(closing, e)),
             Err(_) => Err(RuntimeError::transport(closing, format!("took longer than {} ms", bound.as_millis()))),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KEY: &str = "repose/v1/cell/asked";
+
+    fn query(text: &'static str) -> OutgoingQuery {
+        let payload = Payload { encoding: String::new(), bytes: Bytes::from_static(text.as_bytes()) };
+        OutgoingQuery { payload, attachment: Bytes::new(), priority: Priority::Interactive, timeout: Duration::from_secs(10) }
+    }
+
+    async fn a_query_is_given_up_before_it_is_sent() {
+        let transport = ZenohTransport::open(&SessionConfig::default()).await.unwrap();
+        let mut queries = transport.serve(KEY, 4).await.unwrap();
+        // The one thread that may block is taken: what is to be sent waits for it.
+        let (release, taken) = std::sync::mpsc::channel::<()>();
+        let blocked = tokio::task::spawn_blocking(move || taken.recv().is_err());
+        let mut given_up = transport.query(KEY, query("given up"));
+        assert!((&mut given_up).now_or_never().is_none());
+        drop(given_up);
+        drop(release);
+        assert!(blocked.await.unwrap());
+        let _replies = transport.query(KEY, query("asked")).await.unwrap();
+        assert_eq!(queries.next().await.map(|query| query.payload.bytes), Some(Bytes::from_static(b"asked")));
+    }
+
+    #[test]
+    fn a_query_that_is_given_up_while_it_waits_to_be_sent_is_not_sent() {
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).max_blocking_threads(1).enable_all().build().unwrap();
+        runtime.block_on(a_query_is_given_up_before_it_is_sent());
     }
 }

@@ -2,11 +2,11 @@
 //!
 //! What was made before is kept where it is a secret or a certificate: to add a user, add it to the roles file and write again.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
 
-use repose_proto::{Cell, limits};
+use repose_proto::{Cell, Service, limits};
 use serde_json::{Value, json};
 
 use super::access::{Verb, grants};
@@ -145,18 +145,34 @@ fn router_json5(roles: &Roles, installed: &Path) -> String {
     if roles.login.has_passwords() {
         transport["auth"] = json!({"usrpwd": {"dictionary_file": at("users.txt")}});
     }
-    let every = Cell::every();
-    let frames = json!([{"key_expr": every.camera_frames(), "freq": FRAMES_PER_S}]);
     let value = json!({
         "transport": transport,
         "access_control": access_control(roles),
-        "downsampling": [{"id": "frames of one camera", "messages": ["put"], "flows": ["ingress"], "rules": frames}],
+        "downsampling": [{"id": "frames of one camera", "messages": ["put"], "flows": ["ingress"], "rules": frame_limits(roles)}],
         "low_pass_filter": [{
             "id": "larger than a message may be", "messages": ["put", "query", "reply"], "flows": ["ingress"],
             "key_exprs": ["**"], "size_limit": limits::MAX_MESSAGE_BYTES + ATTACHMENT_BYTES,
         }],
     });
     document("The router: its certificate, its users, and what each may do. Everything that no rule allows is denied.", &value)
+}
+
+/// Zenoh's limits of frames. A rule counts what a session puts to all of its keys together, so each camera has a rule of its own: of two that one
+/// session shows at the same time, the second would never be passed on. Of two rules for one key either may count: where cameras have names, there is
+/// no rule for all of them.
+fn frame_limits(roles: &Roles) -> Value {
+    let users = || roles.users.values();
+    let cameras: BTreeSet<&String> = users().flat_map(|user| &user.cameras).collect();
+    let keys: BTreeSet<String> = match cameras.is_empty() {
+        true => BTreeSet::from([Cell::every().camera_frames()]),
+        false => {
+            let puts_any = |user: &&User| user.service == Some(Service::Simulator) && user.robot.is_none() && user.cameras.is_empty();
+            let simulated = users().filter(puts_any).flat_map(|user| &user.cells).filter_map(|cell| Cell::new(cell).ok());
+            let simulated = simulated.map(|cell| cell.camera_frames());
+            cameras.into_iter().map(|camera| Cell::every().camera_frame(camera)).chain(simulated).collect()
+        }
+    };
+    keys.into_iter().map(|key| json!({"key_expr": key, "freq": FRAMES_PER_S})).collect()
 }
 
 fn router_toml(roles: &Roles, installed: &Path) -> String {
@@ -201,4 +217,27 @@ fn unit(description: &str, run: &str) -> String {
          Restart=always\nRestartSec=1\nNoNewPrivileges=yes\nProtectSystem=strict\nProtectHome=yes\nPrivateTmp=yes\n\n\
          [Install]\nWantedBy=multi-user.target\n"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The keys whose frames are limited together.
+    fn limited(users: &str) -> Vec<String> {
+        let roles = Roles::parse(&format!("router = \"r:1\"\ncells = [\"lab\"]\n{users}")).expect("roles");
+        let limits = frame_limits(&roles);
+        let key = |limit: &Value| limit["key_expr"].as_str().expect("a key").to_owned();
+        limits.as_array().expect("a list").iter().map(key).collect()
+    }
+
+    #[test]
+    fn each_camera_that_has_a_name_has_a_limit_of_its_own() {
+        let pair = "[users.pair]\nrole = \"driver\"\ncameras = [\"left\", \"right\"]\n";
+        let simulator = "[users.sim]\nrole = \"service\"\nservice = \"simulator\"\ncells = [\"hall\"]\n";
+        let each = ["repose/v1/*/camera/left/frame", "repose/v1/*/camera/right/frame"];
+        assert_eq!(limited(pair), each);
+        assert_eq!(limited(simulator), ["repose/v1/*/camera/*/frame"]);
+        assert_eq!(limited(&format!("{pair}{simulator}")), [&each[..], &["repose/v1/hall/camera/*/frame"]].concat());
+    }
 }

@@ -1,6 +1,7 @@
 //! The roles file: the one place that says who takes part in a deployment, and as what.
 
 use std::collections::BTreeMap;
+use std::net::Ipv6Addr;
 
 use repose_proto::keys::validate_chunk;
 use repose_proto::{CallError, Service};
@@ -119,6 +120,9 @@ impl Roles {
         if !is_host_and_port(&roles.router) {
             return Err(CallError::invalid("router", format!("expected name:port, got {:?}", roles.router)));
         }
+        if let Some(listen) = roles.listen.as_ref().filter(|listen| !is_host_and_port(listen)) {
+            return Err(CallError::invalid("listen", format!("expected address:port, got {listen:?}")));
+        }
         if roles.users.is_empty() {
             return Err(CallError::invalid("users", "at least one user is needed"));
         }
@@ -149,7 +153,9 @@ impl Roles {
     /// The endpoint that the router listens at.
     pub fn listening(&self) -> String {
         let port = self.router.rsplit_once(':').map_or("7447", |(_, port)| port);
-        format!("quic/{}", self.listen.clone().unwrap_or_else(|| format!("0.0.0.0:{port}")))
+        // Whoever comes by an address of version 6 is not heard at those of version 4.
+        let every = if self.host().parse::<Ipv6Addr>().is_ok() { "[::]" } else { "0.0.0.0" };
+        format!("quic/{}", self.listen.clone().unwrap_or_else(|| format!("{every}:{port}")))
     }
 }
 
@@ -258,6 +264,14 @@ mod tests {
         let roles = Roles::parse("router = \"router.example:7447\"\ncells = [\"lab\"]\n[users.a]\nrole = \"viewer\"").expect("roles");
         assert_eq!((roles.host(), roles.endpoint().as_str()), ("router.example", "quic/router.example:7447"));
         assert_eq!(roles.listening(), "quic/0.0.0.0:7447");
+        let users = "cells = [\"lab\"]\n[users.a]\nrole = \"viewer\"";
+        let by_address = Roles::parse(&format!("router = \"[fd00::1]:7447\"\n{users}")).expect("roles");
+        assert_eq!((by_address.host(), by_address.listening().as_str()), ("fd00::1", "quic/[::]:7447"));
+        let elsewhere = Roles::parse(&format!("router = \"r:1\"\nlisten = \"10.0.0.1:7448\"\n{users}")).expect("roles");
+        assert_eq!(elsewhere.listening(), "quic/10.0.0.1:7448");
+        for listen in ["7447", "quic/0.0.0.0:7447", ""] {
+            assert_eq!(fault(&format!("listen = \"{listen}\"\n{users}")), "listen");
+        }
         assert_eq!(roles.users["a"].cells, ["lab"]);
     }
 }

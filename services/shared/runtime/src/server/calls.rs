@@ -19,7 +19,7 @@ use super::answerer::Answerer;
 use crate::call::Call;
 use crate::call_key::CallKey;
 use crate::mailbox::{MailboxReceiver, mailbox};
-use crate::registry::{Admission, CallResult};
+use crate::registry::{Admission, CallResult, MAX_JOINED};
 use crate::shares::ForCell;
 use crate::stages::Stages;
 use crate::transport::IncomingQuery;
@@ -75,17 +75,18 @@ pub(super) async fn answer(shared: Arc<Shared>, query: IncomingQuery, call_key: 
             let admitted = Admitted { attachment: call, cell, payload, deadline, cancelled };
             return compute(shared, admitted, answerer).await;
         }
-        Admission::Join { outcome } => return join(outcome, deadline, answerer).await,
+        Admission::Join { outcome } => {
+            // The first has its own.
+            drop(payload);
+            return join(outcome, deadline, answerer).await;
+        }
+        Admission::Crowded => shared.no_place(format!("{MAX_JOINED} repetitions of this call wait for it already")),
         Admission::Cancelled => CallError::new(ErrorCode::Cancelled, "the caller cancelled before the call came"),
         Admission::Conflict => CallError::precondition("this id belongs to a different request").at("id"),
-        Admission::Full => {
-            let message = format!("{} calls are open already", shared.config.max_open_calls);
-            CallError::new(ErrorCode::ResourceExhausted, message).retry_after(shared.retry_after_ms())
-        }
+        Admission::Full => shared.no_place(format!("{} calls are open already", shared.config.max_open_calls)),
         Admission::CellFull { open } => {
             let name = cell.as_deref().unwrap_or_default();
-            let message = format!("{open} calls of cell {name} are open already, as many as places are left for others");
-            CallError::new(ErrorCode::ResourceExhausted, message).at("cell").retry_after(shared.retry_after_ms())
+            shared.no_place(format!("{open} calls of cell {name} are open already, as many as places are left for others")).at("cell")
         }
     };
     let span = span_of(&shared, &call, &cell);
@@ -101,6 +102,12 @@ impl Shared {
             return Err(CallError::new(ErrorCode::Unavailable, "this worker is stopping"));
         }
         call_key.takes(method, self.service, self.config.operate_only)
+    }
+
+    /// Counts a refusal for lack of a place, as a queue's are counted, and says when to come back.
+    fn no_place(&self, message: String) -> CallError {
+        metrics::counter!("repose_refused_total", "queue" => self.service.as_str()).increment(1);
+        CallError::new(ErrorCode::ResourceExhausted, message).retry_after(self.retry_after_ms())
     }
 
     fn retry_after_ms(&self) -> u64 {
@@ -226,4 +233,59 @@ async fn join(mut outcome: watch::Receiver<Option<CallResult>>, deadline: Instan
         Err(_) => Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done")),
     };
     answerer.finish(outcome, BTreeMap::new()).await;
+}
+
+#[cfg(test)]
+mod tests {
+    use async_trait::async_trait;
+    use metrics_exporter_prometheus::PrometheusBuilder;
+    use repose_proto::Service;
+    use repose_proto::scoring::ModelsRequest;
+
+    use super::*;
+    use crate::fake::{FakeNetwork, FakeSettings};
+    use crate::{CallOptions, Handler, RuntimeConfig, Session};
+
+    /// Takes a call, and never ends it.
+    struct Endless;
+
+    #[async_trait]
+    impl Handler for Endless {
+        async fn call(&self, _call: Call) -> CallResult {
+            std::future::pending().await
+        }
+    }
+
+    /// Calls a worker with a single place twice.
+    async fn second_call_is_refused() {
+        let network = FakeNetwork::new(FakeSettings::default());
+        let mut config = RuntimeConfig::default();
+        config.worker.max_open_calls = 1;
+        let session = |node: &str| Session::over(network.node(node), config.clone()).unwrap();
+        let _server = session("worker").start(Service::Inference, Arc::new(Endless)).await.unwrap();
+        let caller = session("caller").caller(Service::Inference).await.unwrap();
+        caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+        let call = || caller.call("models", Payload::json(&ModelsRequest {}).unwrap(), CallOptions::within(Duration::from_secs(10)));
+        let first = call();
+        let second = async {
+            // The first is there by then.
+            tokio::time::sleep(Duration::from_secs(1)).await;
+            call().await
+        };
+        tokio::select! {
+            ended = first => panic!("it never ends: {ended:?}"),
+            refused = second => assert_eq!(refused.unwrap_err().code, ErrorCode::ResourceExhausted),
+        }
+    }
+
+    #[test]
+    fn a_call_for_which_there_is_no_place_counts_as_refused() {
+        let recorder = PrometheusBuilder::new().build_recorder();
+        metrics::with_local_recorder(&recorder, || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
+            runtime.block_on(second_call_is_refused());
+        });
+        let told = recorder.handle().render();
+        assert!(told.contains("repose_refused_total{queue=\"inference\"} 1"), "{told}");
+    }
 }

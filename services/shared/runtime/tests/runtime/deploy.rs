@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use repose_proto::Service;
 use repose_runtime::deployment::Roles;
 use repose_runtime::{METRICS, RuntimeConfig, SessionMode, load_config};
 
@@ -41,6 +42,16 @@ fn the_examples_can_be_read() {
     let roles = std::fs::read_to_string(deploy().join("roles.toml")).unwrap();
     assert!(!Roles::parse(&roles).unwrap().users.is_empty());
     assert!(load_config::<serde_json::Value>("planner", Some(&deploy().join("repose.toml"))).unwrap()["threads"].is_number());
+}
+
+#[test]
+fn every_method_that_a_service_answers_is_known_by_its_name() {
+    for service in Service::ALL {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../{service}/src/endpoints.rs"));
+        let text = std::fs::read_to_string(file).unwrap();
+        let arms = text.lines().filter_map(|line| line.trim_start().strip_prefix('"')?.split_once("\" => ").map(|(method, _)| method));
+        assert_eq!(arms.collect::<Vec<_>>(), service.methods(), "{service}");
+    }
 }
 
 /// The names in a text that look like metrics of ours, without what Prometheus adds to histograms.

@@ -66,6 +66,22 @@ async fn writing_again_keeps_passwords_and_certificates_and_adds_users() {
     }
 }
 
+#[test]
+fn an_authority_whose_key_lies_elsewhere_stays_and_signs_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let with_newcomer = |login: &str| Roles::parse(&(roles_text(login) + "[users.newcomer]\nrole = \"viewer\"\n")).unwrap();
+    let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).unwrap();
+    write(&roles("both"), folder.path(), folder.path()).unwrap();
+    let authority = read("authority/authority.pem");
+    std::fs::remove_file(folder.path().join("authority/authority-key.pem")).unwrap();
+    write(&roles("both"), folder.path(), folder.path()).expect("everybody has a certificate");
+    let refused = write(&with_newcomer("both"), folder.path(), folder.path()).unwrap_err();
+    assert!(refused.path.ends_with("authority/authority-key.pem") && refused.message.contains("newcomer"), "{refused}");
+    write(&with_newcomer("password"), folder.path(), folder.path()).expect("a password is not signed");
+    assert_eq!([read("authority/authority.pem"), read("users/newcomer/authority.pem")], [authority.clone(), authority]);
+    assert!(!folder.path().join("authority/authority-key.pem").exists());
+}
+
 #[cfg(unix)]
 #[test]
 fn a_group_reads_the_secrets_that_it_is_given_and_never_the_authoritys() {
@@ -94,6 +110,37 @@ fn a_group_reads_the_secrets_that_it_is_given_and_never_the_authoritys() {
     // A secret that nobody may read but its owner has stayed so: it is given with the rest.
     group.may_read(&written, folder.path()).unwrap();
     assert_eq!((mode("users/newcomer/key.pem"), mode("authority/authority-key.pem")), (0o640, 0o600));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn cameras_of_one_session_that_see_at_the_same_time_are_all_passed_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = roles_text("password") + "[users.pair]\nrole = \"driver\"\ncameras = [\"left\", \"right\"]\n";
+    write(&Roles::parse(&text).unwrap(), folder.path(), folder.path()).unwrap();
+    let (_router, endpoint) = router(folder.path()).await;
+    let session = async |user: &str| {
+        let file = folder.path().join(format!("users/{user}/zenoh.json5"));
+        open(SessionMode::Client, &endpoint, Some(&file)).await.unwrap()
+    };
+    let (pair, anna) = (session("pair").await, session("anna").await);
+    let keys = ["left", "right"].map(|camera| pair.cell().camera_frame(camera));
+    let [mut left, mut right] = [anna.subscribe_queue(&keys[0], 64).await.unwrap(), anna.subscribe_queue(&keys[1], 64).await.unwrap()];
+    let both = async {
+        let mut came = [0, 0];
+        while came.iter().any(|frames| *frames < 5) {
+            for key in &keys {
+                pair.put(key, word("a frame"), Traffic::Frame).await.unwrap();
+            }
+            // Ten frames a second of each.
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            for (heard, frames) in [&mut left, &mut right].into_iter().zip(&mut came) {
+                while heard.try_recv().is_some() {
+                    *frames += 1;
+                }
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(20), both).await.expect("both are heard");
 }
 
 /// Replaces the router's certificate by one for `host`, valid until `days` from now, of another authority where one is named.

@@ -1,0 +1,64 @@
+//! The same call to every worker: whoever holds something answers, and nobody has to know who that is.
+
+use repose_proto::{CallError, ErrorCode, Payload};
+use tokio::time::Instant;
+
+use super::{Answer, Caller, deadline_of};
+use crate::call_options::CallOptions;
+use crate::outage::LOOK;
+
+impl Caller {
+    /// Makes the same call to every worker alive and returns the first result: who holds it, whoever that is. Ends within its deadline, in which it may
+    /// have to wait for a first worker.
+    ///
+    /// # Errors
+    /// When nobody has a result: `not_found` if anyone said so, otherwise the last error; `unavailable` when nobody is alive. `cancelled`, and
+    /// those of a call's deadline.
+    pub async fn call_any(&self, method: &str, payload: &Payload, options: &CallOptions) -> Result<Answer, CallError> {
+        let deadline = deadline_of(options)?;
+        self.wait_for_any(deadline, options).await?;
+        let options = CallOptions { id: None, ..options.until(deadline) };
+        let mut calls: futures::stream::FuturesUnordered<_> = self
+            .workers()
+            .into_iter()
+            .map(|worker| {
+                let options = CallOptions { worker: Some(worker.name), ..options.clone() };
+                self.call(method, payload.clone(), options)
+            })
+            .collect();
+        let mut worst = CallError::new(ErrorCode::Unavailable, format!("no worker of {} answered", self.inner.target));
+        while let Some(ended) = futures::StreamExt::next(&mut calls).await {
+            match ended {
+                Ok(answer) => return Ok(answer),
+                Err(error) if worst.code != ErrorCode::NotFound => worst = error,
+                Err(_) => {}
+            }
+        }
+        Err(worst)
+    }
+
+    /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router. Whoever asks all of them needs to know none's load,
+    /// which over a slow link comes a round trip and a period later.
+    async fn wait_for_any(&self, deadline: Instant, options: &CallOptions) -> Result<(), CallError> {
+        let (directory, patience, began) = (&self.inner.directory, &self.inner.patience, Instant::now());
+        loop {
+            let mut changed = std::pin::pin!(directory.changed());
+            changed.as_mut().enable();
+            if !self.workers().is_empty() {
+                return Ok(());
+            }
+            tokio::select! {
+                () = changed => {}
+                () = options.cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "cancelled before it was sent")),
+                () = tokio::time::sleep_until(deadline.min(Instant::now() + LOOK)) => {
+                    if Instant::now() >= deadline {
+                        return Err(patience.at_deadline(patience.nobody().await));
+                    }
+                    if patience.is_over(began) {
+                        return Err(patience.nobody().await);
+                    }
+                }
+            }
+        }
+    }
+}
