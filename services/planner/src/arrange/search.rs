@@ -55,7 +55,7 @@ enum Settling {
     Stays,
     /// By one of these moves, best first.
     Moves(Vec<ArrangeMove>),
-    /// Not yet: it carries something, or waits for others.
+    /// Not yet: it must move and carries something, or it waits for others.
     Waits,
 }
 
@@ -300,12 +300,13 @@ impl<'a> Search<'a> {
 
     /// How an object can be settled while the others are not.
     fn settling(&mut self, state: &State, object: u16, others: &BTreeSet<u16>) -> Result<Settling, CallError> {
-        if !state.scene.belief.carried(object).is_empty() {
-            return Ok(Settling::Waits);
-        }
         let terms = self.goals.of(object, others);
+        // Whatever it carries may stay on it.
         if self.stays(state, object, &terms) {
             return Ok(Settling::Stays);
+        }
+        if !state.scene.belief.carried(object).is_empty() {
+            return Ok(Settling::Waits);
         }
         let goals = self.positive(state, object, &terms, others);
         if goals.is_empty() {

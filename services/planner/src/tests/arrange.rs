@@ -76,6 +76,23 @@ fn what_stands_on_an_object_is_set_down_first() {
 }
 
 #[test]
+fn what_comes_to_stand_right_as_another_moves_keeps_what_it_carries() {
+    // 1 stands left of 2 once that has gone right of 4, and 3 stands on 1.
+    let scene = SceneBuilder::table()
+        .object(1, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object(2, [-0.38, -0.1], SMALL)
+        .object_at(3, [-0.2, 0.0], 0.06, [0.05, 0.05, 0.05])
+        .object(4, [0.2, 0.0], SMALL)
+        .scene();
+    for max_parkings in [0, 1] {
+        let result = arranged_with(&scene, &[(1, &["left_of:2"]), (2, &["right_of:4"])], max_parkings);
+        assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+        assert_eq!(result.moves.iter().map(|m| m.object).collect::<Vec<_>>(), [2], "3 need not be set aside: {result:?}");
+        assert!(hold_at_the_end(&scene, &result));
+    }
+}
+
+#[test]
 fn objects_that_stand_where_the_other_must_go_change_places() {
     // Beside the block there is room for one at each side, with a post at its end, and before the block for one more.
     let scene = SceneBuilder::table_within([-0.215, -0.4, 0.215, 0.13])
