@@ -1,7 +1,7 @@
 //! The command line on a small frame made here: results, exit codes, and errors that name the field or file.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 
 use repose_perception::frame_folder;
 use repose_proto::arrange::Proof;
@@ -183,6 +183,23 @@ fn bad_input_exits_with_2_and_names_what_is_wrong() {
     let json = repose(&["--json", "plan", path(&no_depth), "--move", "1", "--goal", "left_of:2"]);
     let document: serde_json::Value = serde_json::from_slice(&json.stdout).expect("one JSON document");
     assert_eq!(document["error"]["code"], "invalid_argument");
+}
+
+#[test]
+fn an_error_that_nobody_reads_has_its_exit_code_all_the_same() {
+    // As in `repose … | true`: the reader has gone before anything is written.
+    let unread = || {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        writer
+    };
+    let mut command = Command::new(env!("CARGO_BIN_EXE_repose"));
+    command.args(["--json", "plan", "no/such/folder", "--move", "1", "--goal", "left_of:2"]);
+    let output = command.stdout(unread()).stderr(Stdio::piped()).spawn().and_then(Child::wait_with_output).expect("the program runs");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && !message.contains("panicked"), "{message}");
+    let status = command.stdout(Stdio::null()).stderr(unread()).status().expect("the program runs");
+    assert_eq!(status.code(), Some(2));
 }
 
 fn edit(folder: &Path, from: &str, to: &str) {
