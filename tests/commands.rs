@@ -241,6 +241,26 @@ fn segment_lists_objects_and_surfaces_and_writes_labels() {
 }
 
 #[test]
+fn a_frame_that_is_smaller_than_a_number_is_drawn_too() {
+    const SIDES: [usize; 2] = [50, 40];
+    let label = |i: usize| match (i % SIDES[0], i / SIDES[0]) {
+        (10..=18, 12..=22) => 1,
+        (30..=38, 12..=22) => 2,
+        _ => 0,
+    };
+    let labels: Vec<u16> = (0..SIDES[0] * SIDES[1]).map(label).collect();
+    let depth = labels.iter().map(|l| if *l == 0 { 800 } else { 700 }).collect();
+    let camera = CameraModel { width: SIDES[0], height: SIDES[1], fx: 40.0, fy: 40.0, cx: 24.5, cy: 19.5, ..frame().camera };
+    let folder = folder_with(&Frame { labels: Some(labels), ..Frame::new("above".into(), 0, camera, depth) });
+    let picture = folder.path().join("found.png");
+    let segmented = repose(&["--json", "segment", path(&folder), "--out", picture.to_str().expect("a plain path")]);
+    assert_eq!(segmented.status.code(), Some(0), "{}", String::from_utf8_lossy(&segmented.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&segmented.stdout).expect("one JSON document");
+    assert!(document["surfaces"].as_array().is_some_and(|surfaces| !surfaces.is_empty()), "their heights are drawn: {document}");
+    assert!(picture.exists());
+}
+
+#[test]
 fn the_networks_are_those_of_the_command_line_or_of_the_environment() {
     let folder = folder_with(&frame());
     let says = |environment: &[(&str, &str)], arguments: &[&str]| {
