@@ -105,6 +105,27 @@ fn a_motion_is_planned_for_the_base_that_the_frame_tells() {
 }
 
 #[test]
+fn of_several_robots_that_one_moves_within_whose_reach_the_placement_is() {
+    let mut frame = frame_with_robot(-0.75);
+    let far = RobotInView { name: "far".to_owned(), ..frame_with_robot(50.0).robots.remove(0) };
+    frame.robots.insert(0, far);
+    let folder = folder_with(&frame);
+    let motion = folder.path().join("motion.json");
+    let plan = |robot: &[&str]| {
+        let wish = ["--move", "1", "--goal", "left_of:2", "--variant", "geometric", "--count", "4"];
+        let out = ["--motion", motion.to_str().expect("a plain path")];
+        let output = repose(&[&["plan", path(&folder)], &wish[..], &out[..], robot].concat());
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, message) = plan(&["--reach-of", "panda"]);
+    assert_eq!(code, Some(0), "{message}");
+    let planned: MotionPlan = serde_json::from_slice(&std::fs::read(&motion).expect("a motion")).expect("a MotionPlan");
+    assert_eq!(planned.robot, "panda");
+    let (code, message) = plan(&[]);
+    assert_eq!(code, Some(1), "the first is meant, and is far off: {message}");
+}
+
+#[test]
 fn arrange_says_which_moves_make_all_goals_hold_or_which_goals_cannot() {
     let folder = folder_with(&frame());
     let arrange = |goals: &[&str]| {
