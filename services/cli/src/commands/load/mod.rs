@@ -17,6 +17,7 @@ mod own;
 mod report;
 mod written;
 
+use std::ffi::OsStr;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -181,8 +182,8 @@ pub async fn run(args: &LoadArgs, output: Output) -> CommandResult {
     run.asking.close().await;
     client::close(session).await;
     drop(own);
-    let asked = std::env::args().collect::<Vec<_>>().join(" ");
-    written::write(args.csv.as_deref(), args.html.as_deref(), &asked, &report, &ended)?;
+    let asked = std::env::args_os().collect::<Vec<_>>().join(OsStr::new(" "));
+    written::write(args.csv.as_deref(), args.html.as_deref(), &asked.to_string_lossy(), &report, &ended)?;
     output.print(&report, || report.to_string())?;
     if report.per_worker.is_empty() { Err(Failure::NotAchieved) } else { Ok(()) }
 }
