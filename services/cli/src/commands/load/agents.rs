@@ -163,8 +163,8 @@ async fn ask_one(host: Option<&str>, system: &SystemArgs, part: Part) -> Result<
     serde_json::from_slice(&ended.stdout).map_err(|e| Failure::other(format!("{name} told something else than what it asked: {e}")))
 }
 
-/// Options of a run that are the coordinator's own, and whether a value follows.
-const OWN: [(&str, bool); 14] = [
+/// Options of a run that are the coordinator's own, or that an agent is told anew, and whether a value follows.
+const OWN: [(&str, bool); 16] = [
     ("--agents", true),
     ("--agent", true),
     ("--up", false),
@@ -178,6 +178,8 @@ const OWN: [(&str, bool); 14] = [
     ("--csv", true),
     ("--html", true),
     ("--connect", true),
+    ("--cell", true),
+    ("--pool", true),
     ("--config", true),
 ];
 
@@ -196,8 +198,11 @@ fn arguments(ours: impl Iterator<Item = OsString>, system: &SystemArgs, part: &P
             None => args.push(arg),
         }
     }
+    // Some of these may come from variables here, which other machines do not have.
     let option = |name: &str, value: &OsStr| [OsString::from(name), value.to_owned()];
     args.extend(system.connect.iter().flat_map(|endpoint| option("--connect", endpoint.as_ref())));
+    args.extend(system.cell.iter().flat_map(|cell| option("--cell", cell.as_ref())));
+    args.extend(system.pool.iter().flat_map(|pool| option("--pool", pool.as_ref())));
     args.extend(system.config.iter().flat_map(|file| option("--config", file.as_os_str())));
     args.extend(option("--agent", part.to_string().as_ref()));
     args
@@ -233,6 +238,16 @@ mod tests {
         let args = arguments(ours.split(' ').map(OsString::from), &system, &part).join(OsStr::new(" "));
         assert_eq!(args, *format!("--json load --clients 8 --mix 1:count=2 --connect tcp/127.0.0.1:1 --agent {part}"));
         assert_eq!(quoted(OsStr::new("it's")), "'it'\\''s'");
+    }
+
+    #[test]
+    fn an_agent_elsewhere_is_told_the_cell_that_a_variable_says_here() {
+        let part = Part { slice: Slice { of: 0, all: 2 }, begin_ns: 7, rate: None, requests: 10 };
+        let system = SystemArgs { connect: None, cell: Some("lab".to_owned()), pool: Some("rack".to_owned()), config: None };
+        for ours in ["load --requests 10", "load --requests 10 --cell lab --pool=rack"] {
+            let args = arguments(ours.split(' ').map(OsString::from), &system, &part).join(OsStr::new(" "));
+            assert_eq!(args, *format!("load --requests 10 --cell lab --pool rack --agent {part}"));
+        }
     }
 
     #[test]
