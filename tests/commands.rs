@@ -477,9 +477,11 @@ fn what_would_go_unheeded_is_refused() {
     let folder = folder_with(&frame());
     let frame = path(&folder);
     let goal = ["--goal", "1=right_of:2"];
-    let cases: [(&[&str], &str); 9] = [
+    let cases: [(&[&str], &str); 11] = [
         (&["segment", frame, "--depth-topic", "/depth"], "depth-topic"),
         (&["play", frame, "--speed", "2"], "speed: is for a recording"),
+        (&["load", "--slo", "p99<200ms"], "--find-capacity"),
+        (&["load", "--find-capacity", "--rate", "5"], "--rate"),
         (&["segment", "run.mcap", "--depth-topic", "/depth", "--clouds"], "--clouds"),
         (&["place", "--move", "1", "--goal", "near:2", "--robot", "nope"], "--execute"),
         (&["place", "--move", "1", "--goal", "near:2", "--attempts", "5"], "--execute"),

@@ -164,7 +164,7 @@ async fn ask_one(host: Option<&str>, system: &SystemArgs, part: Part) -> Result<
 }
 
 /// Options of a run that are the coordinator's own, or that an agent is told anew, and whether a value follows.
-const OWN: [(&str, bool); 16] = [
+const OWN: [(&str, bool); 17] = [
     ("--agents", true),
     ("--agent", true),
     ("--up", false),
@@ -174,6 +174,7 @@ const OWN: [(&str, bool); 16] = [
     ("--inference", true),
     ("--fault", true),
     ("--find-capacity", false),
+    ("--slo", true),
     ("--warm-up", true),
     ("--csv", true),
     ("--html", true),
@@ -233,7 +234,7 @@ mod tests {
         let closed = Part { rate: None, ..part.clone() };
         assert_eq!(closed.to_string().parse(), Ok(closed));
         assert!(["", "3/3@7,requests=1", "1/3", "x"].iter().all(|text| text.parse::<Part>().is_err()));
-        let ours = "--json load --agents 3 --clients 8 --html=a.html --up --routers 2 --fault kill:planner:2s --mix 1:count=2";
+        let ours = "--json load --agents 3 --clients 8 --html=a.html --up --routers 2 --fault kill:planner:2s --mix 1:count=2 --slo p50<1s";
         let system = SystemArgs { connect: Some("tcp/127.0.0.1:1".to_owned()), cell: None, pool: None, config: None };
         let args = arguments(ours.split(' ').map(OsString::from), &system, &part).join(OsStr::new(" "));
         assert_eq!(args, *format!("--json load --clients 8 --mix 1:count=2 --connect tcp/127.0.0.1:1 --agent {part}"));

@@ -108,10 +108,10 @@ pub struct LoadArgs {
     agent: Option<Part>,
     /// Search for the highest rate that meets the objective, and report it. Each rate is offered for twenty times the objective's bound, and for
     /// `--requests` at least.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "rate")]
     pub find_capacity: bool,
-    /// The objective: a percentile of the latency and its bound; at least 99 % must be answered, too.
-    #[arg(long, value_name = "OBJECTIVE", default_value = "p99<1s")]
+    /// With --find-capacity, the objective: a percentile of the latency and its bound, ten minutes at most; at least 99 % must be answered, too.
+    #[arg(long, value_name = "OBJECTIVE", default_value = "p99<1s", requires = "find_capacity")]
     pub slo: Objective,
     /// Write a line for each request, as CSV.
     #[arg(long, value_name = "FILE")]
