@@ -483,8 +483,13 @@ impl<'a> Search<'a> {
     }
 }
 
-/// What stands on objects that must move, and carries nothing itself.
+/// What stands on objects that must move, or on others that stand on them, and carries nothing itself.
 fn standing_on_unsettled(state: &State) -> Vec<u16> {
-    let carried: BTreeSet<u16> = state.unsettled.iter().flat_map(|object| state.scene.belief.carried(*object).iter().copied()).collect();
-    carried.into_iter().filter(|id| state.scene.belief.carried(*id).is_empty()).collect()
+    let belief = &state.scene.belief;
+    let mut above: BTreeSet<u16> = BTreeSet::new();
+    let mut open: Vec<u16> = state.unsettled.iter().copied().collect();
+    while let Some(under) = open.pop() {
+        open.extend(belief.carried(under).iter().copied().filter(|id| above.insert(*id)));
+    }
+    above.into_iter().filter(|id| belief.carried(*id).is_empty()).collect()
 }

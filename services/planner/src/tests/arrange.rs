@@ -76,6 +76,21 @@ fn what_stands_on_an_object_is_set_down_first() {
 }
 
 #[test]
+fn a_stack_is_taken_down_from_its_top_for_what_stands_lowest() {
+    let scene = SceneBuilder::table()
+        .object(1, [0.1, 0.0], SMALL)
+        .object(2, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object_at(3, [-0.2, 0.0], 0.06, [0.08, 0.08, 0.06])
+        .object_at(4, [-0.2, 0.0], 0.12, [0.05, 0.05, 0.05])
+        .scene();
+    let result = arranged_with(&scene, &[(2, &["right_of:1"])], 2);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
+    assert_eq!(moves, [(4, Purpose::Aside), (3, Purpose::Aside), (2, Purpose::Goal)], "{result:?}");
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
 fn what_comes_to_stand_right_as_another_moves_keeps_what_it_carries() {
     // 1 stands left of 2 once that has gone right of 4, and 3 stands on 1.
     let scene = SceneBuilder::table()
