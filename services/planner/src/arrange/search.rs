@@ -364,11 +364,15 @@ impl<'a> Search<'a> {
         beside.into_iter().map(|side| [side, terms.to_vec()].concat()).collect()
     }
 
-    /// Who is tried first: whoever others wait for comes before them, then those who found no room before, in the order of the goals.
+    /// Who is tried first: whoever others wait for comes before them, then those who found no room before, then those who carry something: of a circle
+    /// they are to stay. Equals are in the order of the goals.
     pub(super) fn order(&self, state: &State) -> Vec<u16> {
         let mut order: Vec<u16> = self.goals.objects().iter().copied().filter(|o| state.unsettled.contains(o)).collect();
-        let crowded = |object: &u16| self.crowded.get(object).copied().unwrap_or(0);
-        order.sort_by_cached_key(|object| (self.goals.waits_for(*object, &state.unsettled).len(), Reverse(crowded(object))));
+        let crowded = |object: u16| self.crowded.get(&object).copied().unwrap_or(0);
+        let is_bare = |object: u16| state.scene.belief.carried(object).is_empty();
+        order.sort_by_cached_key(|object| {
+            (self.goals.waits_for(*object, &state.unsettled).len(), Reverse(crowded(*object)), is_bare(*object))
+        });
         order
     }
 

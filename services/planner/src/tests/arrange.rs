@@ -108,6 +108,22 @@ fn what_comes_to_stand_right_as_another_moves_keeps_what_it_carries() {
 }
 
 #[test]
+fn of_objects_that_wait_for_each_other_the_one_that_carries_something_stays() {
+    let scene = SceneBuilder::table()
+        .object(1, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object(2, [-0.38, -0.1], SMALL)
+        .object_at(3, [-0.2, 0.0], 0.06, [0.05, 0.05, 0.05])
+        .scene();
+    let orders: [[(u16, &[&str]); 2]; 2] = [[(2, &["near:1"]), (1, &["left_of:2"])], [(1, &["left_of:2"]), (2, &["near:1"])]];
+    for wanted in &orders {
+        let result = arranged(&scene, wanted);
+        assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+        assert_eq!(result.moves.iter().map(|m| m.object).collect::<Vec<_>>(), [2], "3 need not be set aside: {result:?}");
+        assert!(hold_at_the_end(&scene, &result));
+    }
+}
+
+#[test]
 fn objects_that_stand_where_the_other_must_go_change_places() {
     // Beside the block there is room for one at each side, with a post at its end, and before the block for one more.
     let scene = SceneBuilder::table_within([-0.215, -0.4, 0.215, 0.13])
