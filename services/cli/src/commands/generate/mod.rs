@@ -125,18 +125,18 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
     args.statistics.as_deref().map_or(Ok(()), can_write)?;
     let mut report = Report::default();
     if let Some(folder) = &args.show {
-        let sheets = show(folder, &settings)?;
+        let sheets = on_threads(settings.threads, || show(folder, &settings))??;
         report.text.push(format!("{} contact sheets in {}", sheets.len(), folder.display()));
         report.add("sheets", sheets);
     }
     if let Some(folder) = &args.frames {
-        let frames = write_frames(folder, &settings)?;
+        let frames = on_threads(settings.threads, || write_frames(folder, &settings))??;
         report.text.push(format!("{frames} frames in {}", folder.display()));
         report.add("frames", frames);
     }
     let statistics = match &args.out {
         Some(folder) => Some(write_shards(folder, &settings, &mut report)?),
-        None => args.statistics.as_ref().map(|_| survey(&settings)),
+        None => args.statistics.as_ref().map(|_| on_threads(settings.threads, || survey(&settings))).transpose()?,
     };
     if let (Some(folder), Some(engine)) = (&args.out, &proposing) {
         let proposals = write_proposals(folder, &settings, args.proposals, engine)?;
@@ -151,6 +151,12 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         }
     }
     output.print(&report.document, || report.text.join("\n"))
+}
+
+/// Does work that is spread over threads on so many of them.
+fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Failure> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(Failure::other)?;
+    Ok(pool.install(work))
 }
 
 /// What the command prints: for programs and for people.
@@ -316,6 +322,11 @@ mod tests {
         assert!(parsed(&["--scenes", "3"]).is_err());
         assert!(parsed(&["--show", "a", "--scenes", "0"]).is_err() && parsed(&["--show", "a", "--views", "0"]).is_err());
         assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
+    }
+
+    #[test]
+    fn work_is_done_on_as_many_threads_as_are_asked_for() {
+        assert_eq!([1, 3].map(|threads| on_threads(threads, rayon::current_num_threads).expect("a pool")), [1, 3]);
     }
 
     #[test]
