@@ -102,6 +102,7 @@ const SCENES_PER_SHEET: usize = 6;
 
 /// Runs the command.
 pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
+    args.check()?;
     let mut settings = GenerateSettings::new(args.out.as_deref().unwrap_or(Path::new("")), args.split, args.scenes);
     settings.first_scene = args.first;
     settings.views = args.views;
@@ -151,6 +152,19 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         }
     }
     output.print(&report.document, || report.text.join("\n"))
+}
+
+impl GenerateArgs {
+    /// Refuses scenes beyond the split's: there the next one begins.
+    fn check(&self) -> CommandResult {
+        let seeds = self.split.seeds();
+        let available = seeds.end - seeds.start;
+        if self.first.checked_add(self.scenes).is_some_and(|end| end <= available) {
+            return Ok(());
+        }
+        let (split, scenes, first) = (self.split.name(), self.scenes, self.first);
+        Err(Failure::bad_input("first", format!("the split {split} has {available} scenes, and not {scenes} from number {first} on")))
+    }
 }
 
 /// Does work that is spread over threads on so many of them.
@@ -322,6 +336,17 @@ mod tests {
         assert!(parsed(&["--scenes", "3"]).is_err());
         assert!(parsed(&["--show", "a", "--scenes", "0"]).is_err() && parsed(&["--show", "a", "--views", "0"]).is_err());
         assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
+    }
+
+    #[test]
+    fn scenes_beyond_the_split_are_refused_whatever_is_made_of_them() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let sheets = folder.path().join("sheets").display().to_string();
+        for first in ["999999999", "18446744073709551615"] {
+            let arguments = ["--show", &sheets, "--scenes", "2", "--views", "1", "--split", "validation", "--first", first];
+            let refused = run(&parsed(&arguments).expect("arguments"), Output { json: false }).expect_err("there are no such scenes");
+            assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("first")));
+        }
     }
 
     #[test]
