@@ -17,6 +17,7 @@ use crate::arrange::dead_end::DeadEnd;
 use crate::arrange::goals::{Goals, all_hold};
 use crate::arrange::parking::places_aside;
 use crate::arrange::places::{Places, PlacesEnd};
+use crate::arrange::stacks::bare_above;
 use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
@@ -490,10 +491,7 @@ impl<'a> Search<'a> {
 /// What stands on objects that must move, or on others that stand on them, and carries nothing itself.
 fn standing_on_unsettled(state: &State) -> Vec<u16> {
     let belief = &state.scene.belief;
-    let mut above: BTreeSet<u16> = BTreeSet::new();
-    let mut open: Vec<u16> = state.unsettled.iter().copied().collect();
-    while let Some(under) = open.pop() {
-        open.extend(belief.carried(under).iter().copied().filter(|id| above.insert(*id)));
-    }
-    above.into_iter().filter(|id| belief.carried(*id).is_empty()).collect()
+    let mut standing = bare_above(state.unsettled.iter().copied(), |id| belief.carried(id));
+    standing.sort_unstable();
+    standing
 }
