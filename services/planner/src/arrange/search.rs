@@ -17,7 +17,7 @@ use crate::arrange::dead_end::DeadEnd;
 use crate::arrange::goals::{Goals, all_hold};
 use crate::arrange::parking::places_aside;
 use crate::arrange::places::{Places, PlacesEnd};
-use crate::arrange::stacks::bare_above;
+use crate::arrange::stacks::{above, bare_above};
 use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
@@ -332,13 +332,14 @@ impl<'a> Search<'a> {
         Ok(kept)
     }
 
-    /// The table after a move; none where the object would stand on something that must move yet, and be in the way there.
+    /// The table after a move; none where the object would stand on something that must move yet, or on what stands there, and be in the way.
     fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
         if !self.places.allows_tables(self.tables.prepared()) {
             return Ok(None);
         }
         let scene = self.tables.after(&state.scene, step.object, &step.placement.placed_from_observed)?;
-        let is_in_the_way = unsettled.iter().any(|other| *other != step.object && scene.belief.carried(*other).contains(&step.object));
+        let others = unsettled.iter().copied().filter(|other| *other != step.object);
+        let is_in_the_way = above(others, |id| scene.belief.carried(id)).contains(&step.object);
         Ok((!is_in_the_way).then(|| State { scene, unsettled: unsettled.clone() }))
     }
 

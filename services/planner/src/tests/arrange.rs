@@ -91,6 +91,21 @@ fn a_stack_is_taken_down_from_its_top_for_what_stands_lowest() {
 }
 
 #[test]
+fn nothing_is_set_down_on_a_stack_that_must_be_taken_down() {
+    // 3 is to stand on 4, which stands on 5, which must go behind 1.
+    let scene = SceneBuilder::table()
+        .object(1, [0.1, -0.15], SMALL)
+        .object(5, [-0.2, 0.0], [0.16, 0.16, 0.05])
+        .object_at(4, [-0.2, 0.0], 0.05, [0.12, 0.12, 0.05])
+        .object(3, [-0.2, -0.25], [0.05, 0.05, 0.05])
+        .scene();
+    let result = arranged_with(&scene, &[(3, &["above:4"]), (5, &["behind:1"])], 2);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    assert_eq!(result.moves.iter().filter(|m| m.object == 3).count(), 1, "{result:?}");
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
 fn what_comes_to_stand_right_as_another_moves_keeps_what_it_carries() {
     // 1 stands left of 2 once that has gone right of 4, and 3 stands on 1.
     let scene = SceneBuilder::table()
