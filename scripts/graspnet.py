@@ -37,6 +37,8 @@ class BadGrasps(ValueError):
 
 def converted(document, world_from_camera=None):
     """The grasps of a document, best first: dictionaries of `world_from_tcp` (16 numbers, row by row), `width_m` and `score`."""
+    if not isinstance(document, dict):
+        raise BadGrasps("expected an object with convention, frame and grasps; a list of grasps is Repose's own already")
     convention, frame = document.get("convention"), document.get("frame")
     if convention not in CONVENTIONS:
         raise BadGrasps(f"convention: expected one of {', '.join(CONVENTIONS)}, got {convention!r}")

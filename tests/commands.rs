@@ -1,7 +1,7 @@
 //! The command line on a small frame made here: results, exit codes, and errors that name the field or file.
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 
 use repose_perception::frame_folder;
 use repose_proto::arrange::Proof;
@@ -105,6 +105,27 @@ fn a_motion_is_planned_for_the_base_that_the_frame_tells() {
 }
 
 #[test]
+fn of_several_robots_that_one_moves_within_whose_reach_the_placement_is() {
+    let mut frame = frame_with_robot(-0.75);
+    let far = RobotInView { name: "far".to_owned(), ..frame_with_robot(50.0).robots.remove(0) };
+    frame.robots.insert(0, far);
+    let folder = folder_with(&frame);
+    let motion = folder.path().join("motion.json");
+    let plan = |robot: &[&str]| {
+        let wish = ["--move", "1", "--goal", "left_of:2", "--variant", "geometric", "--count", "4"];
+        let out = ["--motion", motion.to_str().expect("a plain path")];
+        let output = repose(&[&["plan", path(&folder)], &wish[..], &out[..], robot].concat());
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, message) = plan(&["--reach-of", "panda"]);
+    assert_eq!(code, Some(0), "{message}");
+    let planned: MotionPlan = serde_json::from_slice(&std::fs::read(&motion).expect("a motion")).expect("a MotionPlan");
+    assert_eq!(planned.robot, "panda");
+    let (code, message) = plan(&[]);
+    assert_eq!(code, Some(1), "the first is meant, and is far off: {message}");
+}
+
+#[test]
 fn arrange_says_which_moves_make_all_goals_hold_or_which_goals_cannot() {
     let folder = folder_with(&frame());
     let arrange = |goals: &[&str]| {
@@ -185,6 +206,23 @@ fn bad_input_exits_with_2_and_names_what_is_wrong() {
     assert_eq!(document["error"]["code"], "invalid_argument");
 }
 
+#[test]
+fn an_error_that_nobody_reads_has_its_exit_code_all_the_same() {
+    // As in `repose … | true`: the reader has gone before anything is written.
+    let unread = || {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        writer
+    };
+    let mut command = Command::new(env!("CARGO_BIN_EXE_repose"));
+    command.args(["--json", "plan", "no/such/folder", "--move", "1", "--goal", "left_of:2"]);
+    let output = command.stdout(unread()).stderr(Stdio::piped()).spawn().and_then(Child::wait_with_output).expect("the program runs");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && !message.contains("panicked"), "{message}");
+    let status = command.stdout(Stdio::null()).stderr(unread()).status().expect("the program runs");
+    assert_eq!(status.code(), Some(2));
+}
+
 fn edit(folder: &Path, from: &str, to: &str) {
     let path = folder.join("camera.json");
     let text = std::fs::read_to_string(&path).expect("a camera");
@@ -221,6 +259,26 @@ fn segment_lists_objects_and_surfaces_and_writes_labels() {
     assert_eq!(document["objects"].as_array().map(Vec::len), Some(2));
     assert!(!document["surfaces"].as_array().expect("surfaces").is_empty());
     assert!(labels.exists());
+}
+
+#[test]
+fn a_frame_that_is_smaller_than_a_number_is_drawn_too() {
+    const SIDES: [usize; 2] = [50, 40];
+    let label = |i: usize| match (i % SIDES[0], i / SIDES[0]) {
+        (10..=18, 12..=22) => 1,
+        (30..=38, 12..=22) => 2,
+        _ => 0,
+    };
+    let labels: Vec<u16> = (0..SIDES[0] * SIDES[1]).map(label).collect();
+    let depth = labels.iter().map(|l| if *l == 0 { 800 } else { 700 }).collect();
+    let camera = CameraModel { width: SIDES[0], height: SIDES[1], fx: 40.0, fy: 40.0, cx: 24.5, cy: 19.5, ..frame().camera };
+    let folder = folder_with(&Frame { labels: Some(labels), ..Frame::new("above".into(), 0, camera, depth) });
+    let picture = folder.path().join("found.png");
+    let segmented = repose(&["--json", "segment", path(&folder), "--out", picture.to_str().expect("a plain path")]);
+    assert_eq!(segmented.status.code(), Some(0), "{}", String::from_utf8_lossy(&segmented.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&segmented.stdout).expect("one JSON document");
+    assert!(document["surfaces"].as_array().is_some_and(|surfaces| !surfaces.is_empty()), "their heights are drawn: {document}");
+    assert!(picture.exists());
 }
 
 #[test]
@@ -419,8 +477,11 @@ fn what_would_go_unheeded_is_refused() {
     let folder = folder_with(&frame());
     let frame = path(&folder);
     let goal = ["--goal", "1=right_of:2"];
-    let cases: [(&[&str], &str); 8] = [
+    let cases: [(&[&str], &str); 11] = [
         (&["segment", frame, "--depth-topic", "/depth"], "depth-topic"),
+        (&["play", frame, "--speed", "2"], "speed: is for a recording"),
+        (&["load", "--slo", "p99<200ms"], "--find-capacity"),
+        (&["load", "--find-capacity", "--rate", "5"], "--rate"),
         (&["segment", "run.mcap", "--depth-topic", "/depth", "--clouds"], "--clouds"),
         (&["place", "--move", "1", "--goal", "near:2", "--robot", "nope"], "--execute"),
         (&["place", "--move", "1", "--goal", "near:2", "--attempts", "5"], "--execute"),

@@ -1,5 +1,8 @@
 //! `repose load` with a system of its own: a mix of requests while processes are killed, asked by one process and by several.
 
+use std::ffi::{OsStr, OsString};
+use std::os::unix::ffi::OsStrExt;
+
 use serde_json::Value;
 
 use crate::common::repose;
@@ -8,7 +11,7 @@ fn load(args: &[&str]) -> Value {
     load_with_log(args).0
 }
 
-fn load_with_log(args: &[&str]) -> (Value, String) {
+fn load_with_log(args: &[impl AsRef<OsStr>]) -> (Value, String) {
     let mut command = repose();
     command.env("REPOSE_INFERENCE__THREADS", "1").args(["--json", "load", "--up", "--deadline-ms", "120000"]).args(args);
     let ended = command.output().expect("it runs");
@@ -43,7 +46,12 @@ fn a_mix_of_requests_is_answered_while_inference_is_killed_and_each_ends_once() 
 
 #[test]
 fn several_processes_ask_what_one_would_have_asked() {
-    let (report, log) = load_with_log(&["--requests", "15", "--clients", "3", "--variant", "geometric", "--agents", "2", "--secured"]);
+    let folder = tempfile::tempdir().expect("a folder");
+    // The name of a file need not be text.
+    let lines = folder.path().join(OsStr::from_bytes(b"lines-\xff.csv"));
+    let asked = ["--requests", "15", "--clients", "3", "--variant", "geometric", "--agents", "2", "--secured", "--csv"];
+    let (report, log) = load_with_log(&[&asked.map(OsString::from)[..], &[lines.clone().into()]].concat());
+    assert_eq!(std::fs::read_to_string(&lines).expect("it is written").lines().count(), 1 + 15, "a line for each request");
     let refused: Vec<&str> = log.lines().filter(|line| line.contains("refused: ")).collect();
     assert!(refused.is_empty(), "whoever does what his role is for is refused nothing: {refused:#?}");
     assert_eq!((report["requests"].as_u64(), count(&report, "lost"), count(&report, "duplicate")), (Some(15), 0, 0), "{report:#}");

@@ -269,3 +269,5 @@ def test_bad_grasps_are_refused_by_the_name_of_their_field():
     ]:
         with pytest.raises(graspnet.BadGrasps, match=field):
             graspnet.converted({**good, **change})
+    with pytest.raises(graspnet.BadGrasps, match="expected an object"):
+        graspnet.converted([grasp])

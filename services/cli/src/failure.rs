@@ -59,9 +59,18 @@ impl Failure {
 /// An error for people: the field at fault, where the message does not name it, and the message. The code is in the JSON.
 pub fn sentence(error: &CallError) -> String {
     match &error.field {
-        Some(field) if !error.message.contains(field.as_str()) => format!("{field}: {}", error.message),
+        Some(field) if !is_named(field, &error.message) => format!("{field}: {}", error.message),
         _ => error.message.clone(),
     }
+}
+
+/// Whether a message names a field, and not only has its letters in another word, as `month` has those of `nth`.
+fn is_named(field: &str, message: &str) -> bool {
+    let goes_on = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
+    message.match_indices(field).any(|(at, _)| {
+        let (before, after) = (&message[..at], &message[at + field.len()..]);
+        !goes_on(before.chars().next_back()) && !goes_on(after.chars().next())
+    })
 }
 
 impl From<CallError> for Failure {
@@ -76,5 +85,19 @@ impl From<CallError> for Failure {
 impl From<FileError> for Failure {
     fn from(error: FileError) -> Self {
         Self::bad_input(&error.path.display().to_string(), error.why)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_field_is_said_where_the_message_does_not_name_it() {
+        let said = |field: &str, message: &str| sentence(&CallError::invalid(field, message));
+        assert_eq!(said("nth", "frames/month has 3 frames"), "nth: frames/month has 3 frames");
+        assert_eq!(said("rate", "expected a separate number"), "rate: expected a separate number");
+        assert_eq!(said("connect", "--connect or REPOSE_CONNECT says it"), "--connect or REPOSE_CONNECT says it");
+        assert_eq!(said("goals[0].object", "goals[0].object: the scene has no object 9"), "goals[0].object: the scene has no object 9");
     }
 }

@@ -30,8 +30,8 @@ pub struct TopicArgs {
 }
 
 impl TopicArgs {
-    /// Refuses topics of a source that has none.
-    pub fn check(&self, source: &Path) -> Result<(), Failure> {
+    /// The first of these options that is given.
+    pub fn given(&self) -> Option<&'static str> {
         let given = [
             ("depth-topic", self.depth_topic.is_some()),
             ("color-topic", self.color_topic.is_some()),
@@ -39,8 +39,13 @@ impl TopicArgs {
             ("points-topic", self.points_topic.is_some()),
             ("clouds", self.clouds),
         ];
-        match given.into_iter().find(|(_, is_given)| *is_given) {
-            Some((option, _)) if source.exists() && !sources::has_topics(source) => {
+        given.into_iter().find(|(_, is_given)| *is_given).map(|(option, _)| option)
+    }
+
+    /// Refuses topics of a source that has none.
+    pub fn check(&self, source: &Path) -> Result<(), Failure> {
+        match self.given() {
+            Some(option) if source.exists() && !sources::has_topics(source) => {
                 Err(Failure::bad_input(option, format!("{} is no recording, and has no topics", source.display())))
             }
             _ => Ok(()),

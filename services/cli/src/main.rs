@@ -118,10 +118,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Some(error) = failure.error() {
-                eprintln!("error: {}", failure::sentence(error));
-                if cli.json {
-                    println!("{}", serde_json::json!({"error": error}));
-                }
+                Output { json: cli.json }.print_error(error);
             }
             ExitCode::from(failure.exit_code())
         }

@@ -2,9 +2,10 @@
 
 use std::io::{ErrorKind, Write};
 
+use repose_proto::CallError;
 use serde::Serialize;
 
-use crate::failure::{CommandResult, Failure};
+use crate::failure::{CommandResult, Failure, sentence};
 
 /// Where a command's result goes.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +23,14 @@ impl Output {
     /// The same, of several; returns whether anybody still reads.
     pub fn print_more<T: Serialize>(self, document: &T, text: impl FnOnce() -> String) -> Result<bool, Failure> {
         if self.json { line(&serde_json::to_string_pretty(document).map_err(Failure::other)?) } else { line(&text()) }
+    }
+
+    /// Tells of an error: in words on standard error, and with `--json` in the document. Where nobody reads either, the exit code still tells.
+    pub fn print_error(self, error: &CallError) {
+        let _unread = writeln!(std::io::stderr(), "error: {}", sentence(error));
+        if self.json {
+            let _unread = line(&serde_json::json!({"error": error}).to_string());
+        }
     }
 }
 

@@ -13,6 +13,8 @@ use repose_local::wireframe::{draw_box, draw_line, put};
 const GAP: u32 = 6;
 /// Width of the strip around the map from above, metres.
 const RIM_M: f64 = 0.05;
+/// How far the middle of a number stays from the left and right, and from the upper and lower end of a panel, pixels.
+const NUMBER_RIM: (i64, i64) = (30, 12);
 const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
 const UNSEEN: [u8; 3] = [70, 70, 90];
 const FURNITURE: Rgb<u8> = Rgb([20, 90, 200]);
@@ -133,11 +135,17 @@ fn map_panel(scene: &Scene, width: u32, height: u32) -> RgbImage {
             draw_number(
                 &mut panel,
                 ((surface.height_m - lowest_m) * 1e3).round().clamp(0.0, 9999.0) as u16,
-                ((*x).clamp(30, i64::from(width) - 30), (*y).clamp(12, i64::from(height) - 12)),
+                (off_the_rim(*x, NUMBER_RIM.0, i64::from(width)), off_the_rim(*y, NUMBER_RIM.1, i64::from(height))),
             );
         }
     }
     panel
+}
+
+/// The place along a side that is nearest to `at` and so far from both ends; the middle, where there is no room for that.
+fn off_the_rim(at: i64, rim: i64, side: i64) -> i64 {
+    let rim = rim.min(side / 2);
+    at.clamp(rim, side - rim)
 }
 
 fn draw_unseen(panel: &mut RgbImage, space: &UnseenSpace, to_pixel: &impl Fn(f64, f64) -> (i64, i64)) {
@@ -163,4 +171,16 @@ fn middle_of(labels: &Image<u16>, id: u16) -> Option<(i64, i64)> {
     let places = labels.pixels().iter().enumerate().filter(|(_, other)| **other == id);
     let (u, v, n) = places.fold((0, 0, 0), |(u, v, n), (i, _)| (u + i % width, v + i / width, n + 1));
     (n > 0).then(|| ((u / n) as i64, (v / n) as i64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_stays_off_the_rim_and_in_the_middle_of_what_is_smaller_than_two_rims() {
+        assert_eq!([-5, 40, 300].map(|at| off_the_rim(at, 30, 100)), [30, 40, 70]);
+        assert_eq!([-5, 25, 300].map(|at| off_the_rim(at, 30, 50)), [25; 3]);
+        assert_eq!([0, 9].map(|at| off_the_rim(at, 30, 1)), [0, 1]);
+    }
 }

@@ -4,6 +4,7 @@
 //! announced when it is there, so that viewers may fetch what they are told of.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -36,6 +37,19 @@ pub struct PlaySettings {
     pub speed: f64,
 }
 
+/// Speeds that a recording may be played at. A little above nothing, and a message would be due later than time can be told.
+const SPEEDS: RangeInclusive<f64> = 1e-3..=1e3;
+
+impl PlaySettings {
+    fn check(&self) -> Result<(), RecordingError> {
+        if SPEEDS.contains(&self.speed) {
+            return Ok(());
+        }
+        let message = format!("expected {} to {}, got {}", SPEEDS.start(), SPEEDS.end(), self.speed);
+        Err(RecordingError::Setting { field: "speed", message })
+    }
+}
+
 /// What was played.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Played {
@@ -52,12 +66,7 @@ pub struct Played {
 /// # Errors
 /// `failed_precondition` when somebody is, or when a file cannot be read, or the network refuses.
 pub async fn play(session: &Session, settings: &PlaySettings, shutdown: &Shutdown) -> Result<Played, RecordingError> {
-    if !(settings.speed > 0.0 && settings.speed <= 1000.0) {
-        return Err(RecordingError::Setting {
-            field: "speed",
-            message: format!("expected above 0 and at most 1000, got {}", settings.speed),
-        });
-    }
+    settings.check()?;
     let cell = session.cell().clone();
     let alive = session.watch_alive(&cell.all_lives()).await?.current();
     if let Some((_, service, worker)) = alive.iter().find_map(|key| keys::of_live(key)) {
@@ -314,5 +323,14 @@ mod tests {
         // Nobody announced it, as scenes that a caller had made.
         assert_eq!(came("e", 4), Some("e".to_owned()));
         assert!(is_newest("e"));
+    }
+
+    #[test]
+    fn a_speed_at_which_messages_are_never_due_is_refused() {
+        let check = |speed: f64| PlaySettings { files: Vec::new(), speed }.check();
+        assert!([0.001, 0.5, 1.0, 1000.0].into_iter().all(|speed| check(speed).is_ok()));
+        for speed in [0.0, -1.0, 1e-30, 1e4, f64::NAN] {
+            assert!(matches!(check(speed), Err(RecordingError::Setting { field: "speed", .. })), "{speed}");
+        }
     }
 }

@@ -123,7 +123,15 @@ pub async fn run(args: &DemoArgs, output: Output) -> CommandResult {
             if report.goal_holds { "holds" } else { "does not hold" },
             report.picture
         )
-    })
+    })?;
+    report.outcome()
+}
+
+impl Report {
+    /// The robot did what was planned, and the goal holds; anything else was printed, and is no success.
+    fn outcome(&self) -> CommandResult {
+        if self.execution == ExecutionOutcome::Done && self.goal_holds { Ok(()) } else { Err(Failure::NotAchieved) }
+    }
 }
 
 /// The demonstration's view of the running cell.
@@ -357,4 +365,32 @@ fn center_of(object: &TrueObject) -> Result<Point3<f64>, Failure> {
 
 fn transform(wire: &repose_proto::RigidTransform) -> Result<Isometry3<f64>, Failure> {
     from_row_major(&wire.0).map_err(Failure::other)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_lost_stopped_or_did_not_come_true_is_no_success() {
+        let code = |execution: ExecutionOutcome, goal_holds: bool| {
+            let report = Report {
+                seed: 0,
+                query: 1,
+                goal: GoalTerm { relation: Relation::LeftOf, anchor: 2, holds: true },
+                placement: 0,
+                given_up: Vec::new(),
+                execution,
+                reason: None,
+                distance_from_plan_m: 0.0,
+                goal_holds,
+                picture: "out/demo.png".to_owned(),
+                film: None,
+            };
+            report.outcome().map_or_else(|failure| failure.exit_code(), |()| 0)
+        };
+        assert_eq!(code(ExecutionOutcome::Done, true), 0);
+        assert_eq!(code(ExecutionOutcome::Done, false), 1);
+        assert_eq!([ExecutionOutcome::Stopped, ExecutionOutcome::GraspLost].map(|execution| code(execution, true)), [1, 1]);
+    }
 }

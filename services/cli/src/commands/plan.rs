@@ -8,7 +8,7 @@ use repose_evaluation::report::written::{FileError, can_write, write_picture};
 use repose_local::picture::before_and_after;
 use repose_local::{LocalModels, ModelFiles};
 use repose_proto::motion::{Grasp, MotionPlan, MotionPlanRequest};
-use repose_proto::{Frame, PlaceRequest, PlaceResult, Scene};
+use repose_proto::{Frame, PlaceRequest, PlaceResult, RobotInView, Scene};
 use repose_sentences::placement::center_of;
 
 use crate::answer::print_result;
@@ -37,8 +37,8 @@ pub struct PlanArgs {
     /// Write a picture of the frame with object ids and the planned placement.
     #[arg(long, value_name = "PNG", value_parser = parse_png)]
     pub out: Option<PathBuf>,
-    /// Also plan the pick-and-place motion, from the joints and the base of the robot in the frame's `robot.json`, and write it here as a `MotionPlan`. With --count,
-    /// motion planning chooses among several placements.
+    /// Also plan the pick-and-place motion, from the joints and the base of the robot in the frame's `robot.json` (of several, the one that --reach-of
+    /// names, or else the first), and write it here as a `MotionPlan`. With --count, motion planning chooses among several placements.
     #[arg(long, value_name = "JSON")]
     pub motion: Option<PathBuf>,
     /// Grasps for --motion, tried in order instead of the built-in ones: a list of `{"world_from_tcp": [16 numbers], "width_m": 0.06,
@@ -90,13 +90,22 @@ fn motion_of(
     result: &PlaceResult,
     grasps: Option<Vec<Grasp>>,
 ) -> Result<MotionPlan, Failure> {
-    let Some(robot) = frame.robots.first() else {
-        return Err(Failure::bad_input("motion", "the frame has no robot.json with the robot's pose"));
-    };
+    let robot = robot_of(frame, request)?;
     let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
     let wanted = MotionPlanRequest::new(scene.id(), robot.name.clone(), request.query, placements, robot.joints_rad);
     let wanted = MotionPlanRequest { grasps, seed: request.seed, ..wanted };
     repose_local::plan_motion(scene, &wanted, Some(&robot.world_from_base), &|| false).map_err(of_motion)
+}
+
+/// The robot in the frame that is to move: the one within whose reach the placements are, or where they are not for any, the first.
+fn robot_of<'f>(frame: &'f Frame, request: &PlaceRequest) -> Result<&'f RobotInView, Failure> {
+    let name = request.robot.as_ref().map(|robot| &robot.name);
+    let missing = || match name {
+        Some(name) => format!("the frame has no robot.json with robot {name}, which the placement is for"),
+        None => "the frame has no robot.json with the robot's pose".to_owned(),
+    };
+    let robot = frame.robots.iter().find(|robot| name.is_none_or(|name| robot.name == *name));
+    robot.ok_or_else(|| Failure::bad_input("motion", missing()))
 }
 
 /// The grasps of a file.

@@ -16,6 +16,8 @@ use crate::failure::{CommandResult, Failure};
 use crate::frames::TopicArgs;
 use crate::output::Output;
 
+/// The camera that frames are published as unless told.
+const CAMERA: &str = "recording";
 /// Frames per second where the source has no stamps and none were asked for.
 const DEFAULT_RATE: f64 = 10.0;
 /// How long the scene of the last frame may take to be seen.
@@ -35,19 +37,19 @@ pub struct PlayArgs {
     /// Where to publish.
     #[command(flatten)]
     pub system: SystemArgs,
-    /// The camera name to publish under. Nothing else should publish under it: `front` is the camera of `repose up`.
-    #[arg(long, default_value = "recording")]
-    pub camera: String,
+    /// The camera name to publish frames under. Nothing else should publish under it: `front` is the camera of `repose up`. Default: recording.
+    #[arg(long)]
+    pub camera: Option<String>,
     /// Frames per second. Default: the recording's own rate, or 10 for pictures.
     #[arg(long)]
     pub rate: Option<f64>,
-    /// Playback speed of a recorded cell.
-    #[arg(long, default_value_t = 1.0)]
-    pub speed: f64,
+    /// Playback speed of a recorded cell. Default: 1.
+    #[arg(long)]
+    pub speed: Option<f64>,
     /// Start again at the end, until interrupted.
     #[arg(long = "loop")]
     pub again: bool,
-    /// Keep the source's time stamps instead of the time of publishing.
+    /// Keep the frames' time stamps instead of the time of publishing.
     #[arg(long)]
     pub keep_stamps: bool,
     /// Which topics of a recording.
@@ -58,8 +60,14 @@ pub struct PlayArgs {
 /// Runs the command.
 pub async fn run(args: &PlayArgs, output: Output) -> CommandResult {
     match &args.source[..] {
-        files if files.iter().all(|file| is_recording(file)) => cell(files, args, output).await,
-        [source] => frames(source, args, output).await,
+        files if files.iter().all(|file| is_recording(file)) => {
+            args.check_for_cell()?;
+            cell(files, args, output).await
+        }
+        [source] => {
+            args.check_for_frames(source)?;
+            frames(source, args, output).await
+        }
         _ => Err(Failure::bad_input(
             "source",
             "several sources must be the files of one recording made by `repose record`; one of these is not",
@@ -67,11 +75,29 @@ pub async fn run(args: &PlayArgs, output: Output) -> CommandResult {
     }
 }
 
+impl PlayArgs {
+    /// Refuses what would go unheeded: a recorded cell has cameras, stamps and a pace of its own.
+    fn check_for_cell(&self) -> CommandResult {
+        let of_frames = [("camera", self.camera.is_some()), ("rate", self.rate.is_some()), ("keep-stamps", self.keep_stamps)];
+        let given = of_frames.into_iter().find(|(_, is_given)| *is_given).map(|(option, _)| option).or_else(|| self.topics.given());
+        given.map_or(Ok(()), |option| {
+            Err(Failure::bad_input(option, "is for frames, and a recording made by `repose record` is played as a whole cell"))
+        })
+    }
+
+    fn check_for_frames(&self, source: &Path) -> CommandResult {
+        if self.speed.is_some() {
+            return Err(Failure::bad_input("speed", "is for a recording made by `repose record`; frames have a --rate"));
+        }
+        self.topics.check(source)
+    }
+}
+
 /// Plays a recorded cell.
 async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> CommandResult {
     let session = client::connect(&args.system).await?;
     let shutdown = Shutdown::on_signals()?;
-    let settings = PlaySettings { files: files.to_owned(), speed: args.speed };
+    let settings = PlaySettings { files: files.to_owned(), speed: args.speed.unwrap_or(1.0) };
     let name = session.cell().name().to_owned();
     tracing::info!(cell = name, "playing; Ctrl-C ends it");
     let played = loop {
@@ -91,8 +117,7 @@ async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> CommandResu
 
 /// Plays frames as a camera's.
 async fn frames(source: &Path, args: &PlayArgs, output: Output) -> CommandResult {
-    args.topics.check(source)?;
-    let camera = &args.camera;
+    let camera = args.camera.as_deref().unwrap_or(CAMERA);
     keys::validate_chunk("camera", camera)?;
     if args.rate.is_some_and(|rate| !(rate > 0.0 && rate <= 1000.0)) {
         return Err(Failure::bad_input("rate", "expected above 0 and at most 1000 frames per second"));
@@ -186,7 +211,33 @@ fn bad_source(error: &SourceError) -> Failure {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: PlayArgs,
+    }
+
+    fn parsed(options: &[&str]) -> PlayArgs {
+        Line::parse_from(["play", "run.mcap"].iter().chain(options)).args
+    }
+
+    #[test]
+    fn options_of_frames_are_refused_for_a_recorded_cell_and_the_other_way_round() {
+        let field = |refused: CommandResult| refused.err().and_then(|failure| failure.error().and_then(|e| e.field.clone()));
+        let of_frames: [(&[&str], &str); 4] =
+            [(&["--camera", "left"], "camera"), (&["--rate", "5"], "rate"), (&["--keep-stamps"], "keep-stamps"), (&["--clouds"], "clouds")];
+        for (options, named) in of_frames {
+            assert_eq!(field(parsed(options).check_for_cell()).as_deref(), Some(named));
+            assert!(parsed(options).check_for_frames(Path::new("run.mcap")).is_ok(), "{named}");
+        }
+        let quick = parsed(&["--speed", "2"]);
+        assert_eq!(field(quick.check_for_frames(Path::new("run.mcap"))).as_deref(), Some("speed"));
+        assert!(quick.check_for_cell().is_ok() && parsed(&["--loop"]).check_for_cell().is_ok());
+    }
 
     /// When frames with these stamps are due, milliseconds from the first.
     fn due_ms(rate: Option<f64>, stamps_ns: &[u64]) -> Vec<u128> {

@@ -12,6 +12,7 @@ pub mod goals;
 pub mod parking;
 mod places;
 mod search;
+mod stacks;
 mod surroundings;
 mod tables;
 mod uncover;

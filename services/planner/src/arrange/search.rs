@@ -17,6 +17,7 @@ use crate::arrange::dead_end::DeadEnd;
 use crate::arrange::goals::{Goals, all_hold};
 use crate::arrange::parking::places_aside;
 use crate::arrange::places::{Places, PlacesEnd};
+use crate::arrange::stacks::{above, bare_above};
 use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
@@ -55,7 +56,7 @@ enum Settling {
     Stays,
     /// By one of these moves, best first.
     Moves(Vec<ArrangeMove>),
-    /// Not yet: it carries something, or waits for others.
+    /// Not yet: it must move and carries something, or it waits for others.
     Waits,
 }
 
@@ -300,12 +301,13 @@ impl<'a> Search<'a> {
 
     /// How an object can be settled while the others are not.
     fn settling(&mut self, state: &State, object: u16, others: &BTreeSet<u16>) -> Result<Settling, CallError> {
-        if !state.scene.belief.carried(object).is_empty() {
-            return Ok(Settling::Waits);
-        }
         let terms = self.goals.of(object, others);
+        // Whatever it carries may stay on it.
         if self.stays(state, object, &terms) {
             return Ok(Settling::Stays);
+        }
+        if !state.scene.belief.carried(object).is_empty() {
+            return Ok(Settling::Waits);
         }
         let goals = self.positive(state, object, &terms, others);
         if goals.is_empty() {
@@ -330,13 +332,14 @@ impl<'a> Search<'a> {
         Ok(kept)
     }
 
-    /// The table after a move; none where the object would stand on something that must move yet, and be in the way there.
+    /// The table after a move; none where the object would stand on something that must move yet, or on what stands there, and be in the way.
     fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
         if !self.places.allows_tables(self.tables.prepared()) {
             return Ok(None);
         }
         let scene = self.tables.after(&state.scene, step.object, &step.placement.placed_from_observed)?;
-        let is_in_the_way = unsettled.iter().any(|other| *other != step.object && scene.belief.carried(*other).contains(&step.object));
+        let others = unsettled.iter().copied().filter(|other| *other != step.object);
+        let is_in_the_way = above(others, |id| scene.belief.carried(id)).contains(&step.object);
         Ok((!is_in_the_way).then(|| State { scene, unsettled: unsettled.clone() }))
     }
 
@@ -363,11 +366,15 @@ impl<'a> Search<'a> {
         beside.into_iter().map(|side| [side, terms.to_vec()].concat()).collect()
     }
 
-    /// Who is tried first: whoever others wait for comes before them, then those who found no room before, in the order of the goals.
+    /// Who is tried first: whoever others wait for comes before them, then those who found no room before, then those who carry something: of a circle
+    /// they are to stay. Equals are in the order of the goals.
     pub(super) fn order(&self, state: &State) -> Vec<u16> {
         let mut order: Vec<u16> = self.goals.objects().iter().copied().filter(|o| state.unsettled.contains(o)).collect();
-        let crowded = |object: &u16| self.crowded.get(object).copied().unwrap_or(0);
-        order.sort_by_cached_key(|object| (self.goals.waits_for(*object, &state.unsettled).len(), Reverse(crowded(object))));
+        let crowded = |object: u16| self.crowded.get(&object).copied().unwrap_or(0);
+        let is_bare = |object: u16| state.scene.belief.carried(object).is_empty();
+        order.sort_by_cached_key(|object| {
+            (self.goals.waits_for(*object, &state.unsettled).len(), Reverse(crowded(*object)), is_bare(*object))
+        });
         order
     }
 
@@ -482,8 +489,10 @@ impl<'a> Search<'a> {
     }
 }
 
-/// What stands on objects that must move, and carries nothing itself.
+/// What stands on objects that must move, or on others that stand on them, and carries nothing itself.
 fn standing_on_unsettled(state: &State) -> Vec<u16> {
-    let carried: BTreeSet<u16> = state.unsettled.iter().flat_map(|object| state.scene.belief.carried(*object).iter().copied()).collect();
-    carried.into_iter().filter(|id| state.scene.belief.carried(*id).is_empty()).collect()
+    let belief = &state.scene.belief;
+    let mut standing = bare_above(state.unsettled.iter().copied(), |id| belief.carried(id));
+    standing.sort_unstable();
+    standing
 }

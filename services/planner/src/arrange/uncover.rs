@@ -1,11 +1,10 @@
 //! Tops that other objects cover: most of such a top the view may not show, and then nothing can be placed there in any order. What covers it is
 //! set aside; where the top is known well enough the plan goes on, and where it is not, it ends with that a view is needed.
 
-use std::collections::VecDeque;
-
 use repose_proto::{CallError, Relation};
 
 use crate::arrange::search::{Part, Search, State};
+use crate::arrange::stacks::bare_above;
 
 impl Search<'_> {
     /// Goes straight down once more, and sets aside what covers the tops that others must go to. Whether all was settled: the moves are then on the
@@ -31,18 +30,8 @@ impl Search<'_> {
 
     /// What stands on tops that others must go to, and carries nothing itself.
     pub(super) fn covering(&self, state: &State) -> Vec<u16> {
-        let mut covering: Vec<u16> = Vec::new();
-        let mut open = VecDeque::from(self.tops(state));
-        while let Some(under) = open.pop_front() {
-            for above in state.scene.belief.carried(under) {
-                match state.scene.belief.carried(*above).is_empty() {
-                    true if !covering.contains(above) => covering.push(*above),
-                    true => {}
-                    false => open.push_back(*above),
-                }
-            }
-        }
-        covering
+        let belief = &state.scene.belief;
+        bare_above(self.tops(state), |id| belief.carried(id))
     }
 
     /// The objects on top of which others must go that can be moved and stand elsewhere.

@@ -76,6 +76,69 @@ fn what_stands_on_an_object_is_set_down_first() {
 }
 
 #[test]
+fn a_stack_is_taken_down_from_its_top_for_what_stands_lowest() {
+    let scene = SceneBuilder::table()
+        .object(1, [0.1, 0.0], SMALL)
+        .object(2, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object_at(3, [-0.2, 0.0], 0.06, [0.08, 0.08, 0.06])
+        .object_at(4, [-0.2, 0.0], 0.12, [0.05, 0.05, 0.05])
+        .scene();
+    let result = arranged_with(&scene, &[(2, &["right_of:1"])], 2);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
+    assert_eq!(moves, [(4, Purpose::Aside), (3, Purpose::Aside), (2, Purpose::Goal)], "{result:?}");
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
+fn nothing_is_set_down_on_a_stack_that_must_be_taken_down() {
+    // 3 is to stand on 4, which stands on 5, which must go behind 1.
+    let scene = SceneBuilder::table()
+        .object(1, [0.1, -0.15], SMALL)
+        .object(5, [-0.2, 0.0], [0.16, 0.16, 0.05])
+        .object_at(4, [-0.2, 0.0], 0.05, [0.12, 0.12, 0.05])
+        .object(3, [-0.2, -0.25], [0.05, 0.05, 0.05])
+        .scene();
+    let result = arranged_with(&scene, &[(3, &["above:4"]), (5, &["behind:1"])], 2);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    assert_eq!(result.moves.iter().filter(|m| m.object == 3).count(), 1, "{result:?}");
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
+fn what_comes_to_stand_right_as_another_moves_keeps_what_it_carries() {
+    // 1 stands left of 2 once that has gone right of 4, and 3 stands on 1.
+    let scene = SceneBuilder::table()
+        .object(1, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object(2, [-0.38, -0.1], SMALL)
+        .object_at(3, [-0.2, 0.0], 0.06, [0.05, 0.05, 0.05])
+        .object(4, [0.2, 0.0], SMALL)
+        .scene();
+    for max_parkings in [0, 1] {
+        let result = arranged_with(&scene, &[(1, &["left_of:2"]), (2, &["right_of:4"])], max_parkings);
+        assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+        assert_eq!(result.moves.iter().map(|m| m.object).collect::<Vec<_>>(), [2], "3 need not be set aside: {result:?}");
+        assert!(hold_at_the_end(&scene, &result));
+    }
+}
+
+#[test]
+fn of_objects_that_wait_for_each_other_the_one_that_carries_something_stays() {
+    let scene = SceneBuilder::table()
+        .object(1, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object(2, [-0.38, -0.1], SMALL)
+        .object_at(3, [-0.2, 0.0], 0.06, [0.05, 0.05, 0.05])
+        .scene();
+    let orders: [[(u16, &[&str]); 2]; 2] = [[(2, &["near:1"]), (1, &["left_of:2"])], [(1, &["left_of:2"]), (2, &["near:1"])]];
+    for wanted in &orders {
+        let result = arranged(&scene, wanted);
+        assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+        assert_eq!(result.moves.iter().map(|m| m.object).collect::<Vec<_>>(), [2], "3 need not be set aside: {result:?}");
+        assert!(hold_at_the_end(&scene, &result));
+    }
+}
+
+#[test]
 fn objects_that_stand_where_the_other_must_go_change_places() {
     // Beside the block there is room for one at each side, with a post at its end, and before the block for one more.
     let scene = SceneBuilder::table_within([-0.215, -0.4, 0.215, 0.13])

@@ -163,10 +163,14 @@ fn in_our_order((shape, weight): &(Vec<usize>, Vec<f32>), names: Option<&[String
     let Some(names) = names else {
         return Err("the file does not name the measures that this tensor reads (metadata entry `measures`)".to_owned());
     };
+    // Rows of nothing may be any number of them.
+    if names.is_empty() {
+        return Err("the file names no measures that this tensor reads".to_owned());
+    }
     let inputs = names.len();
     let outputs = match shape[..] {
         [outputs, columns] if columns == inputs => outputs,
-        [values] if inputs > 0 && values % inputs == 0 => values / inputs,
+        [values] if values % inputs == 0 => values / inputs,
         [outputs, _] => return Err(format!("expected shape [{outputs}, {inputs}] for the measures that the file names, got {shape:?}")),
         _ => return Err(format!("expected two dimensions, got {shape:?}")),
     };
@@ -180,7 +184,7 @@ fn in_our_order((shape, weight): &(Vec<usize>, Vec<f32>), names: Option<&[String
         return Err(format!("names the measure {:?} twice", names[k]));
     }
     let mut ordered = vec![0.0; outputs * ours.len()];
-    for (row, from) in ordered.chunks_exact_mut(ours.len()).zip(weight.chunks_exact(inputs.max(1))) {
+    for (row, from) in ordered.chunks_exact_mut(ours.len()).zip(weight.chunks_exact(inputs)) {
         columns.iter().zip(from).for_each(|(column, value)| row[*column] = *value);
     }
     let shape = if shape.len() == 1 { vec![outputs * ours.len()] } else { vec![outputs, ours.len()] };
@@ -238,6 +242,11 @@ mod tests {
         let fewer = with_names(&weights, (&[outputs, inputs - 1], &fewer), Some(names[..inputs - 1].to_vec()));
         let read = &Weights::from_bytes(&fewer).unwrap().values[MEASURES_WEIGHT];
         assert_eq!((&read.0, read.1[inputs - 1], read.1[inputs - 2]), (&shape, 0.0, ours[inputs - 2]));
+
+        // A tensor without columns costs its file nothing, whatever number of rows it says.
+        let rows_of_nothing = with_names(&weights, (&[1 << 60, 0], &[]), Some(Vec::new()));
+        let error = Weights::from_bytes(&rows_of_nothing).unwrap_err().to_string();
+        assert!(error.contains(MEASURES_WEIGHT) && error.contains("names no measures"), "{error}");
 
         let mut other = names.clone();
         other[7] = "height_above_sea_level".to_owned();

@@ -4,6 +4,7 @@
 //! whole service on an embedded session and is its camera: frames at a fixed rate, each one different, and the published summaries
 //! counted.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -25,6 +26,10 @@ const WARM_UP_RUNS: usize = 10;
 /// Seconds of a soak before memory is first read.
 const WARM_UP_S: f64 = 5.0;
 
+/// Seconds that a soak may take, and frames a second that it may have.
+const SOAKS_S: RangeInclusive<f64> = 1e-3..=86_400.0;
+const RATES: RangeInclusive<f64> = 1e-3..=1e3;
+
 /// How many times memory is read after that.
 const RSS_READINGS: f64 = 10.0;
 
@@ -43,10 +48,10 @@ pub struct BenchPerceptionArgs {
     #[arg(long, default_value_t = 300, value_parser = parse_count)]
     pub runs: usize,
     /// Run the service for this long instead, seconds, and check whether it keeps up.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", conflicts_with = "runs", value_parser = parse_soak)]
     pub soak_s: Option<f64>,
     /// Frames per second of the soak.
-    #[arg(long, default_value_t = 30.0)]
+    #[arg(long, default_value_t = 30.0, requires = "soak_s", value_parser = parse_rate)]
     pub rate: f64,
 }
 
@@ -60,8 +65,7 @@ pub fn run(args: &BenchPerceptionArgs, output: Output) -> CommandResult {
         frame = resampled(&frame, width, height);
     }
     match args.soak_s {
-        Some(seconds) if seconds > 0.0 && args.rate > 0.0 => in_runtime(soak(frame, seconds, args.rate, output)),
-        Some(_) => Err(Failure::bad_input("soak-s", "the soak's length and its rate are above 0")),
+        Some(seconds) => in_runtime(soak(frame, seconds, args.rate, output)),
         None => time(&frame, args.runs, output),
     }
 }
@@ -223,4 +227,42 @@ fn parse_size(text: &str) -> Result<(usize, usize), String> {
     sides
         .filter(|(w, h)| (1..=most).contains(w) && (1..=most).contains(h))
         .ok_or_else(|| format!("expected WIDTHxHEIGHT, 1 to {most} each"))
+}
+
+fn parse_soak(text: &str) -> Result<f64, String> {
+    parse_within(text, &SOAKS_S)
+}
+
+fn parse_rate(text: &str) -> Result<f64, String> {
+    parse_within(text, &RATES)
+}
+
+fn parse_within(text: &str, range: &RangeInclusive<f64>) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if range.contains(&number) { Ok(number) } else { Err(format!("expected {} to {}", range.start(), range.end())) }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: BenchPerceptionArgs,
+    }
+
+    #[test]
+    fn a_soak_has_a_length_and_a_rate_that_a_clock_can_keep_and_only_a_soak_has_them() {
+        let parsed = |options: &[&str]| Line::try_parse_from(["perception", "frame"].iter().chain(options)).map(|line| line.args);
+        let soak = parsed(&["--soak-s", "165", "--rate", "30"]).expect("a soak");
+        assert_eq!((soak.soak_s, soak.rate), (Some(165.0), 30.0));
+        assert!(parsed(&["--runs", "3"]).is_ok() && parsed(&["--soak-s", "5"]).is_ok());
+        for number in ["0", "-1", "nan", "inf", "1e-300", "1e300"] {
+            assert!(parsed(&["--soak-s", number]).is_err() && parsed(&["--soak-s", "5", "--rate", number]).is_err(), "{number}");
+        }
+        assert!(parsed(&["--rate", "30"]).is_err() && parsed(&["--soak-s", "5", "--runs", "3"]).is_err(), "one of them would go unheeded");
+    }
 }

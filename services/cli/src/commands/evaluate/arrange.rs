@@ -5,14 +5,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use repose_evaluation::report::arrange::{document, text_of};
-use repose_evaluation::report::written::{FileError, can_write, write_report};
+use repose_evaluation::report::written::{FileError, write_report};
 use repose_evaluation::scenes::arrangement::carried_out::PlanFault;
 use repose_evaluation::scenes::arrangement::task::{Shapes, TaskKind};
 use repose_evaluation::scenes::arrangement::trial::TaskRecord;
 use repose_evaluation::tables::arrange::{ArrangeTableSettings, arrange_rows, evaluate_arrange};
 use repose_proto::place::Variant;
 
-use super::shared::TableArgs;
+use super::shared::{TableArgs, can_report};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -55,6 +55,7 @@ pub struct EvaluateArrangeArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
+    can_report(args.out.as_deref(), "arrange")?;
     let engine = args.common.engine()?;
     let or_all = |given: &[u8]| if given.is_empty() { vec![2, 3, 4, 6, 8] } else { given.iter().map(|n| usize::from(*n)).collect() };
     let goals: Vec<usize> = or_all(&args.goals);
@@ -78,9 +79,6 @@ pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
         threads: args.common.threads(),
     };
     let lines = args.out.as_ref().map(|folder| folder.join("tasks.jsonl"));
-    if let Some(path) = &lines {
-        can_write(path)?;
-    }
     let bar = Progress::new((settings.kinds.len() * settings.goals.len() * settings.shapes.len() * settings.tasks) as u64, "tasks");
     let mut records: Vec<TaskRecord> = Vec::new();
     evaluate_arrange(&settings, &engine, |record: TaskRecord| {

@@ -9,7 +9,7 @@ use repose_evaluation::tables::discriminator::{DiscriminatorSettings, evaluate_d
 use repose_proto::place::Variant;
 use serde_json::json;
 
-use super::shared::{TableArgs, folder_name, only_meshes};
+use super::shared::{TableArgs, can_report, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -40,6 +40,7 @@ pub struct EvaluateDiscriminatorArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> CommandResult {
+    can_report(args.out.as_deref(), "discriminator")?;
     let mut settings = DiscriminatorSettings {
         samples: args.samples,
         variants: args.variants.clone(),

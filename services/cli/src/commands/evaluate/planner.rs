@@ -19,7 +19,7 @@ use repose_proto::Relation;
 use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
 
-use super::shared::{TableArgs, folder_name, only_meshes};
+use super::shared::{TableArgs, can_report, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -76,6 +76,7 @@ pub struct EvaluatePlannerArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
+    can_report(args.out.as_deref(), "planner")?;
     let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
     let mut made_with = serde_json::json!({

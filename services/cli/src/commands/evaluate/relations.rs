@@ -8,7 +8,7 @@ use repose_evaluation::report::written::write_report;
 use repose_evaluation::tables::relations::{CloudSource, RelationsSettings, evaluate_relations};
 use serde_json::json;
 
-use super::shared::{TableArgs, folder_name, only_meshes};
+use super::shared::{TableArgs, can_report, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -33,6 +33,7 @@ pub struct EvaluateRelationsArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluateRelationsArgs, output: Output) -> CommandResult {
+    can_report(args.out.as_deref(), "relations")?;
     let mut settings = RelationsSettings { threads: args.common.threads(), ..RelationsSettings::default() };
     if let Some(folder) = &args.objects {
         only_meshes(&mut settings.scene, folder)?;
@@ -93,5 +94,11 @@ mod tests {
         assert!(refused.contains("--split") && refused.contains("validation"), "{refused}");
         let failed = run(&Line::parse_from(["x", "--objects", "no/such/folder"]).args, Output { json: false }).expect_err("a failure");
         assert_eq!(failed.exit_code(), 2);
+        // Before anything else is looked at: making the table takes hours.
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let below = file.path().join("out").display().to_string();
+        let line = ["x", "--objects", "no/such/folder", "--out", &below];
+        let failed = run(&Line::parse_from(line).args, Output { json: false }).expect_err("a failure");
+        assert_eq!((failed.exit_code(), failed.error().and_then(|e| e.field.as_deref())), (2, Some(&*below)));
     }
 }

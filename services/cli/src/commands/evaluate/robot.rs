@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use repose_evaluation::report;
-use repose_evaluation::report::written::write_picture;
+use repose_evaluation::report::written::{can_write, write_picture};
 use repose_evaluation::scenes::robot_scene::TableCondition;
 use repose_evaluation::scenes::robot_settings::DEFAULT_ATTEMPTS;
 use repose_evaluation::scenes::robot_trial::Cause;
@@ -50,6 +50,8 @@ fn parse_condition(name: &str) -> Result<TableCondition, String> {
 
 /// Runs the command.
 pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
+    // A trial takes a while: what cannot be written is said before the first.
+    args.pictures.as_deref().map_or(Ok(()), |folder| can_write(&folder.join("strip.png")))?;
     let models = LocalModels::embedded()?;
     let library = MeshLibrary::load(&args.objects, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
     let mut settings = RobotTableSettings { trials: args.trials, seed: args.seed, ..RobotTableSettings::default() };
@@ -78,8 +80,35 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
         }
     });
     let table = table.map_err(Failure::other)?;
-    if let Some(failure) = picture_failure {
-        return Err(failure.into());
+    output.print(&report::robot::document(&table), || report::robot::text_of(&table))?;
+    // A disk that fills up takes pictures, and not the table.
+    match picture_failure {
+        Some(failure) => {
+            tracing::error!(%failure, "a strip of pictures is missing");
+            Err(Failure::NotAchieved)
+        }
+        None => Ok(()),
     }
-    output.print(&report::robot::document(&table), || report::robot::text_of(&table))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: EvaluateRobotArgs,
+    }
+
+    #[test]
+    fn pictures_that_cannot_be_written_are_refused_before_anything_else() {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let below = file.path().join("strips").display().to_string();
+        let line = ["x", "--objects", "no/such/folder", "--pictures", &below];
+        let failed = run(&Line::parse_from(line).args, Output { json: false }).expect_err("a failure");
+        assert_eq!((failed.exit_code(), failed.error().and_then(|e| e.field.as_deref())), (2, Some(&*below)));
+    }
 }

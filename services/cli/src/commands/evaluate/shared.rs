@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use repose_dataset::Split;
 use repose_evaluation::report::final_runs::{claim, commit, ledger};
+use repose_evaluation::report::written::can_write;
 use repose_inference::Engine;
 use repose_simulator::objects::{MeshLibrary, MeshSettings, ObjectSource};
 use repose_simulator::scene::SceneSettings;
@@ -75,6 +76,11 @@ impl SceneRange {
         (named["split"], named["block"], named["commit"]) = (self.split.name().into(), self.block.into(), self.commit.clone().into());
         named
     }
+}
+
+/// Refuses a folder to which the report of a table cannot be written: after hours of making it that would be too late to say.
+pub fn can_report(folder: Option<&Path>, table: &str) -> CommandResult {
+    folder.map_or(Ok(()), |folder| can_write(&folder.join(format!("{table}.json")))).map_err(Failure::from)
 }
 
 /// The name of a folder of meshes, as reports have it: where it lies says nothing about them.

@@ -102,6 +102,7 @@ const SCENES_PER_SHEET: usize = 6;
 
 /// Runs the command.
 pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
+    args.check()?;
     let mut settings = GenerateSettings::new(args.out.as_deref().unwrap_or(Path::new("")), args.split, args.scenes);
     settings.first_scene = args.first;
     settings.views = args.views;
@@ -125,18 +126,18 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
     args.statistics.as_deref().map_or(Ok(()), can_write)?;
     let mut report = Report::default();
     if let Some(folder) = &args.show {
-        let sheets = show(folder, &settings)?;
+        let sheets = on_threads(settings.threads, || show(folder, &settings))??;
         report.text.push(format!("{} contact sheets in {}", sheets.len(), folder.display()));
         report.add("sheets", sheets);
     }
     if let Some(folder) = &args.frames {
-        let frames = write_frames(folder, &settings)?;
+        let frames = on_threads(settings.threads, || write_frames(folder, &settings))??;
         report.text.push(format!("{frames} frames in {}", folder.display()));
         report.add("frames", frames);
     }
     let statistics = match &args.out {
         Some(folder) => Some(write_shards(folder, &settings, &mut report)?),
-        None => args.statistics.as_ref().map(|_| survey(&settings)),
+        None => args.statistics.as_ref().map(|_| on_threads(settings.threads, || survey(&settings))).transpose()?,
     };
     if let (Some(folder), Some(engine)) = (&args.out, &proposing) {
         let proposals = write_proposals(folder, &settings, args.proposals, engine)?;
@@ -151,6 +152,25 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         }
     }
     output.print(&report.document, || report.text.join("\n"))
+}
+
+impl GenerateArgs {
+    /// Refuses scenes beyond the split's: there the next one begins.
+    fn check(&self) -> CommandResult {
+        let seeds = self.split.seeds();
+        let available = seeds.end - seeds.start;
+        if self.first.checked_add(self.scenes).is_some_and(|end| end <= available) {
+            return Ok(());
+        }
+        let (split, scenes, first) = (self.split.name(), self.scenes, self.first);
+        Err(Failure::bad_input("first", format!("the split {split} has {available} scenes, and not {scenes} from number {first} on")))
+    }
+}
+
+/// Does work that is spread over threads on so many of them.
+fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Failure> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(Failure::other)?;
+    Ok(pool.install(work))
 }
 
 /// What the command prints: for programs and for people.
@@ -316,6 +336,22 @@ mod tests {
         assert!(parsed(&["--scenes", "3"]).is_err());
         assert!(parsed(&["--show", "a", "--scenes", "0"]).is_err() && parsed(&["--show", "a", "--views", "0"]).is_err());
         assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
+    }
+
+    #[test]
+    fn scenes_beyond_the_split_are_refused_whatever_is_made_of_them() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let sheets = folder.path().join("sheets").display().to_string();
+        for first in ["999999999", "18446744073709551615"] {
+            let arguments = ["--show", &sheets, "--scenes", "2", "--views", "1", "--split", "validation", "--first", first];
+            let refused = run(&parsed(&arguments).expect("arguments"), Output { json: false }).expect_err("there are no such scenes");
+            assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("first")));
+        }
+    }
+
+    #[test]
+    fn work_is_done_on_as_many_threads_as_are_asked_for() {
+        assert_eq!([1, 3].map(|threads| on_threads(threads, rayon::current_num_threads).expect("a pool")), [1, 3]);
     }
 
     #[test]

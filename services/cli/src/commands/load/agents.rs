@@ -1,6 +1,8 @@
 //! One run asked by several processes: on this machine, or on others by `ssh`. Each has sessions of its own and asks every so-many-th request of the
 //! same sequence; what became of each request comes back here, where the one report is made.
 
+use std::ffi::{OsStr, OsString};
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::process::Stdio;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -139,7 +141,7 @@ pub async fn ask_by(agents: &Agents, system: &SystemArgs, requests: usize, rate:
 }
 
 async fn ask_one(host: Option<&str>, system: &SystemArgs, part: Part) -> Result<Told, Failure> {
-    let args = arguments(std::env::args().skip(1), system, &part);
+    let args = arguments(std::env::args_os().skip(1), system, &part);
     let mut command = match host {
         None => {
             let mut command = Command::new(std::env::current_exe().map_err(Failure::other)?);
@@ -161,8 +163,8 @@ async fn ask_one(host: Option<&str>, system: &SystemArgs, part: Part) -> Result<
     serde_json::from_slice(&ended.stdout).map_err(|e| Failure::other(format!("{name} told something else than what it asked: {e}")))
 }
 
-/// Options of a run that are the coordinator's own, and whether a value follows.
-const OWN: [(&str, bool); 14] = [
+/// Options of a run that are the coordinator's own, or that an agent is told anew, and whether a value follows.
+const OWN: [(&str, bool); 17] = [
     ("--agents", true),
     ("--agent", true),
     ("--up", false),
@@ -172,35 +174,46 @@ const OWN: [(&str, bool); 14] = [
     ("--inference", true),
     ("--fault", true),
     ("--find-capacity", false),
+    ("--slo", true),
     ("--warm-up", true),
     ("--csv", true),
     ("--html", true),
     ("--connect", true),
+    ("--cell", true),
+    ("--pool", true),
     ("--config", true),
 ];
 
 /// An agent's arguments: those of this process without what is the coordinator's own.
-fn arguments(ours: impl Iterator<Item = String>, system: &SystemArgs, part: &Part) -> Vec<String> {
+fn arguments(ours: impl Iterator<Item = OsString>, system: &SystemArgs, part: &Part) -> Vec<OsString> {
     let (mut args, mut ours) = (Vec::new(), ours);
     while let Some(arg) = ours.next() {
-        match OWN.iter().find(|(name, _)| arg == *name || arg.strip_prefix(name).is_some_and(|rest| rest.starts_with('='))) {
+        let bytes = arg.as_bytes();
+        let is = |name: &str| bytes.strip_prefix(name.as_bytes()).is_some_and(|rest| rest.is_empty() || rest[0] == b'=');
+        match OWN.iter().find(|(name, _)| is(name)) {
             Some((name, has_value)) => {
-                if *has_value && arg == *name {
+                if *has_value && bytes == name.as_bytes() {
                     ours.next();
                 }
             }
             None => args.push(arg),
         }
     }
-    let connect = system.connect.iter().flat_map(|endpoint| ["--connect".to_owned(), endpoint.clone()]);
-    let config = system.config.iter().flat_map(|file| ["--config".to_owned(), file.display().to_string()]);
-    args.extend(connect.chain(config).chain(["--agent".to_owned(), part.to_string()]));
+    // Some of these may come from variables here, which other machines do not have.
+    let option = |name: &str, value: &OsStr| [OsString::from(name), value.to_owned()];
+    args.extend(system.connect.iter().flat_map(|endpoint| option("--connect", endpoint.as_ref())));
+    args.extend(system.cell.iter().flat_map(|cell| option("--cell", cell.as_ref())));
+    args.extend(system.pool.iter().flat_map(|pool| option("--pool", pool.as_ref())));
+    args.extend(system.config.iter().flat_map(|file| option("--config", file.as_os_str())));
+    args.extend(option("--agent", part.to_string().as_ref()));
     args
 }
 
 /// A word for a shell, as `ssh` hands its words to one.
-fn quoted(word: &str) -> String {
-    format!("'{}'", word.replace('\'', "'\\''"))
+fn quoted(word: &OsStr) -> OsString {
+    let parts: Vec<&[u8]> = word.as_bytes().split(|byte| *byte == b'\'').collect();
+    let inside: Vec<u8> = parts.join(&b"'\\''"[..]);
+    OsString::from_vec([&b"'"[..], &inside[..], &b"'"[..]].concat())
 }
 
 #[cfg(test)]
@@ -221,10 +234,31 @@ mod tests {
         let closed = Part { rate: None, ..part.clone() };
         assert_eq!(closed.to_string().parse(), Ok(closed));
         assert!(["", "3/3@7,requests=1", "1/3", "x"].iter().all(|text| text.parse::<Part>().is_err()));
-        let ours = "--json load --agents 3 --clients 8 --html=a.html --up --routers 2 --fault kill:planner:2s --mix 1:count=2";
+        let ours = "--json load --agents 3 --clients 8 --html=a.html --up --routers 2 --fault kill:planner:2s --mix 1:count=2 --slo p50<1s";
         let system = SystemArgs { connect: Some("tcp/127.0.0.1:1".to_owned()), cell: None, pool: None, config: None };
-        let args = arguments(ours.split(' ').map(str::to_owned), &system, &part).join(" ");
-        assert_eq!(args, format!("--json load --clients 8 --mix 1:count=2 --connect tcp/127.0.0.1:1 --agent {part}"));
-        assert_eq!(quoted("it's"), "'it'\\''s'");
+        let args = arguments(ours.split(' ').map(OsString::from), &system, &part).join(OsStr::new(" "));
+        assert_eq!(args, *format!("--json load --clients 8 --mix 1:count=2 --connect tcp/127.0.0.1:1 --agent {part}"));
+        assert_eq!(quoted(OsStr::new("it's")), "'it'\\''s'");
+    }
+
+    #[test]
+    fn an_agent_elsewhere_is_told_the_cell_that_a_variable_says_here() {
+        let part = Part { slice: Slice { of: 0, all: 2 }, begin_ns: 7, rate: None, requests: 10 };
+        let system = SystemArgs { connect: None, cell: Some("lab".to_owned()), pool: Some("rack".to_owned()), config: None };
+        for ours in ["load --requests 10", "load --requests 10 --cell lab --pool=rack"] {
+            let args = arguments(ours.split(' ').map(OsString::from), &system, &part).join(OsStr::new(" "));
+            assert_eq!(args, *format!("load --requests 10 --cell lab --pool rack --agent {part}"));
+        }
+    }
+
+    #[test]
+    fn names_of_files_that_are_no_text_are_passed_on_as_they_are() {
+        let part = Part { slice: Slice { of: 0, all: 1 }, begin_ns: 7, rate: None, requests: 10 };
+        let name = OsString::from_vec(b"la\xffb's".to_vec());
+        let system = SystemArgs { connect: None, cell: None, pool: None, config: Some(name.clone().into()) };
+        let ours = [OsString::from("load"), OsString::from_vec(b"--csv=\xff.csv".to_vec()), OsString::from("--html"), name.clone()];
+        let args = arguments(ours.into_iter(), &system, &part);
+        assert_eq!(args, ["load".into(), "--config".into(), name.clone(), "--agent".into(), OsString::from(part.to_string())]);
+        assert_eq!(quoted(&name), OsString::from_vec(b"'la\xffb'\\''s'".to_vec()));
     }
 }

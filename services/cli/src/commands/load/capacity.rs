@@ -3,6 +3,8 @@
 use std::str::FromStr;
 use std::time::Duration;
 
+use repose_proto::limits;
+
 use super::Run;
 use super::report::{Ended, Report};
 use crate::failure::Failure;
@@ -28,7 +30,9 @@ impl FromStr for Objective {
             (None, None) => return Err(wrong()),
         };
         let bound_ms = number.trim().parse::<f64>().map_err(|_| wrong())? * unit_ms;
-        if bound_ms > 0.0 { Ok(Self { percentile, bound_ms }) } else { Err(wrong()) }
+        // No request lasts longer, and no rate would be offered for long enough to notice.
+        let longest_ms = limits::MAX_REMAINING_MS as f64;
+        if bound_ms > 0.0 && bound_ms <= longest_ms { Ok(Self { percentile, bound_ms }) } else { Err(wrong()) }
     }
 }
 
@@ -94,7 +98,7 @@ mod tests {
     fn objectives_are_read_with_their_unit() {
         assert_eq!("p99<1s".parse(), Ok(Objective { percentile: "p99", bound_ms: 1000.0 }));
         assert_eq!("p50 < 20ms".parse(), Ok(Objective { percentile: "p50", bound_ms: 20.0 }));
-        for wrong in ["p98<1s", "p99", "p99<1", "p99<-1s", "p99<s"] {
+        for wrong in ["p98<1s", "p99", "p99<1", "p99<-1s", "p99<s", "p99<infs", "p99<601s"] {
             assert!(wrong.parse::<Objective>().is_err(), "{wrong}");
         }
     }

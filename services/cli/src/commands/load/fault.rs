@@ -78,36 +78,36 @@ pub enum Deed {
 /// What is to be done when: a fault's deeds follow each other at its period.
 #[derive(Debug, Default)]
 pub struct Schedule {
-    due: BTreeMap<(Duration, usize), Deed>,
-    faults: Vec<Fault>,
+    /// With a fault's first deed the fault, whose next time follows.
+    due: BTreeMap<(Duration, usize), (Deed, Option<Fault>)>,
     made: usize,
 }
 
 impl Schedule {
     /// The schedule of some faults; the first of each comes after its period.
     pub fn new(faults: &[Fault]) -> Self {
-        let mut schedule = Self { faults: faults.to_vec(), ..Self::default() };
+        let mut schedule = Self::default();
         for fault in faults {
             schedule.add(*fault, Duration::ZERO);
         }
         schedule
     }
 
-    fn put(&mut self, at: Duration, deed: Deed) {
+    fn put(&mut self, at: Duration, deed: Deed, follows: Option<Fault>) {
         self.made += 1;
-        self.due.insert((at, self.made), deed);
+        self.due.insert((at, self.made), (deed, follows));
     }
 
     fn add(&mut self, fault: Fault, after: Duration) {
         match fault {
-            Fault::Kill(service, period) => self.put(after + period, Deed::Restart(service)),
+            Fault::Kill(service, period) => self.put(after + period, Deed::Restart(service), Some(fault)),
             Fault::Stop(service, period, within) => {
-                self.put(after + period, Deed::Halt(service));
-                self.put(after + period + within, Deed::Resume);
+                self.put(after + period, Deed::Halt(service), Some(fault));
+                self.put(after + period + within, Deed::Resume, None);
             }
             Fault::Router(period, within) => {
-                self.put(after + period, Deed::KillRouter);
-                self.put(after + period + within, Deed::StartRouter);
+                self.put(after + period, Deed::KillRouter, Some(fault));
+                self.put(after + period + within, Deed::StartRouter, None);
             }
             Fault::Delay(_) => {}
         }
@@ -115,14 +115,8 @@ impl Schedule {
 
     /// The next deed, and when it is due from the start of the run. None without faults.
     pub fn next(&mut self) -> Option<(Duration, Deed)> {
-        let ((at, _), deed) = self.due.pop_first()?;
-        // The last deed of a fault is followed by its next time.
-        let again = self.faults.iter().copied().find(|fault| match (fault, deed) {
-            (Fault::Kill(of, _), Deed::Restart(service)) | (Fault::Stop(of, ..), Deed::Halt(service)) => *of == service,
-            (Fault::Router(..), Deed::KillRouter) => true,
-            _ => false,
-        });
-        if let Some(fault) = again {
+        let ((at, _), (deed, follows)) = self.due.pop_first()?;
+        if let Some(fault) = follows {
             self.add(fault, at);
         }
         Some((at, deed))
@@ -169,5 +163,12 @@ mod tests {
             ]
         );
         assert_eq!(Schedule::new(&["delay:1s".parse().expect("a fault")]).next(), None);
+    }
+
+    #[test]
+    fn two_faults_of_a_kind_keep_their_own_periods() {
+        let mut schedule = Schedule::new(&["kill:planner:2s", "kill:planner:5s"].map(|text| text.parse().expect("a fault")));
+        let at: Vec<u64> = std::iter::from_fn(|| schedule.next()).take(7).map(|(at, _)| at.as_secs()).collect();
+        assert_eq!(at, [2, 4, 5, 6, 8, 10, 10]);
     }
 }

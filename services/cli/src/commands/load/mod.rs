@@ -17,6 +17,7 @@ mod own;
 mod report;
 mod written;
 
+use std::ffi::OsStr;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -107,10 +108,10 @@ pub struct LoadArgs {
     agent: Option<Part>,
     /// Search for the highest rate that meets the objective, and report it. Each rate is offered for twenty times the objective's bound, and for
     /// `--requests` at least.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "rate")]
     pub find_capacity: bool,
-    /// The objective: a percentile of the latency and its bound; at least 99 % must be answered, too.
-    #[arg(long, value_name = "OBJECTIVE", default_value = "p99<1s")]
+    /// With --find-capacity, the objective: a percentile of the latency and its bound, ten minutes at most; at least 99 % must be answered, too.
+    #[arg(long, value_name = "OBJECTIVE", default_value = "p99<1s", requires = "find_capacity")]
     pub slo: Objective,
     /// Write a line for each request, as CSV.
     #[arg(long, value_name = "FILE")]
@@ -181,8 +182,8 @@ pub async fn run(args: &LoadArgs, output: Output) -> CommandResult {
     run.asking.close().await;
     client::close(session).await;
     drop(own);
-    let asked = std::env::args().collect::<Vec<_>>().join(" ");
-    written::write(args.csv.as_deref(), args.html.as_deref(), &asked, &report, &ended)?;
+    let asked = std::env::args_os().collect::<Vec<_>>().join(OsStr::new(" "));
+    written::write(args.csv.as_deref(), args.html.as_deref(), &asked.to_string_lossy(), &report, &ended)?;
     output.print(&report, || report.to_string())?;
     if report.per_worker.is_empty() { Err(Failure::NotAchieved) } else { Ok(()) }
 }

@@ -114,9 +114,10 @@ impl OwnSystem {
         &self.routers[0]
     }
 
-    /// What a client of it is given: where it is, and who it is there.
+    /// What a client of it is given: where it is, its cell, whatever variables say of others, and who the client is there.
     pub fn args(&self) -> SystemArgs {
-        SystemArgs { connect: Some(self.routers.join(",")), cell: None, pool: None, config: self.file(CLIENT) }
+        let (connect, cell) = (self.routers.join(","), RuntimeConfig::default().session.cell);
+        SystemArgs { connect: Some(connect), cell: Some(cell), pool: None, config: self.file(CLIENT) }
     }
 
     fn config(&self) -> Result<RuntimeConfig, Failure> {
@@ -295,5 +296,18 @@ impl Troubled {
         let _unheard = self.enough.send(());
         let (system, happened) = self.doing.await.map_err(Failure::other)?;
         Ok((system, happened?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_client_is_told_the_cell_that_the_processes_are_told() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let routers = vec!["tcp/127.0.0.1:1".to_owned()];
+        let system = OwnSystem { routers, folder, has_users: false, seed: 0, processes: Vec::new(), turns: BTreeMap::new() };
+        assert_eq!(system.args().cell, Some(RuntimeConfig::default().session.cell));
     }
 }

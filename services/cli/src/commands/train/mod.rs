@@ -45,6 +45,13 @@ const FOOT_SCENES: u64 = 3000;
 /// Scenes that `standing` tries unless told.
 const STANDING_SCENES: u64 = 2000;
 
+/// What is fitted in place of trained.
+const FITTED: [&str; 7] = [STABILITY, STANDING, SUCCESS, BACK, CUT, BEARING, FOOT];
+/// The relation predictor that is trained unless told.
+const RELATIONS: &str = "measured";
+/// Where networks are trained unless told.
+const DEVICE: &str = "cpu";
+
 /// Arguments of `train`.
 #[derive(Debug, Args)]
 pub struct TrainArgs {
@@ -64,10 +71,10 @@ pub struct TrainArgs {
     #[arg(long)]
     pub network: String,
     /// The relation predictor that `joint` and `relations` train: measured (uses geometric measures of the pair beside the codes) or paper.
-    #[arg(long, value_name = "VARIANT", default_value = "measured")]
+    #[arg(long, value_name = "VARIANT", default_value = RELATIONS)]
     pub relations: String,
     /// Where to compute: cpu, or cuda where the program was built with `--features cuda` (runs are not reproducible there).
-    #[arg(long, value_name = "DEVICE", default_value = "cpu")]
+    #[arg(long, value_name = "DEVICE", default_value = DEVICE)]
     pub device: String,
     /// The weights file to write. An interrupted run resumes from the checkpoint beside it, unless it started from other weights.
     #[arg(long, value_name = "FILE")]
@@ -82,7 +89,7 @@ pub struct TrainArgs {
     /// Seed of initial weights, order and augmentation.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Stop after this many minutes, and write the weights.
+    /// Stop after this many minutes, and write the weights. Of networks only.
     #[arg(long)]
     pub minutes: Option<f64>,
     /// Stop after this many steps.
@@ -101,6 +108,7 @@ pub struct TrainArgs {
 
 /// Runs the command.
 pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
+    args.check()?;
     // After the training would be too late to say so.
     can_write(&args.out)?;
     let fit_on = |scenes: u64| FitArgs {
@@ -170,6 +178,27 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
     })
 }
 
+impl TrainArgs {
+    /// Refuses what would go unheeded: a fit has no steps that end early, and networks are trained on all scenes that there are.
+    fn check(&self) -> CommandResult {
+        let is_fitted = FITTED.contains(&self.network.as_str());
+        let of_networks = [
+            ("minutes", self.minutes.is_some()),
+            ("slots", self.slots.is_some()),
+            ("mean-with", !self.mean_with.is_empty()),
+            ("relations", self.relations != RELATIONS),
+            ("device", self.device != DEVICE),
+        ];
+        let of_fits = [("first", self.first != 0)];
+        let unheeded = if is_fitted { &of_networks[..] } else { &of_fits[..] };
+        match unheeded.iter().find(|(_, is_given)| *is_given) {
+            Some((option, _)) if is_fitted => Err(Failure::bad_input(option, format!("is for networks, and {} is fitted", self.network))),
+            Some((option, _)) => Err(Failure::bad_input(option, "is for what is fitted: a forecast, or how shapes are completed")),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Writes the weights of `start`, or the program's own, with forecasts in place of those of their names. The forecast of success, which reads
 /// what the others say, goes when one of those is fitted anew.
 fn with_forecasts(start: Option<&Path>, out: &Path, forecasts: &[(&str, &Forecast)]) -> CommandResult {
@@ -198,7 +227,32 @@ fn failure_of(error: &TrainError) -> Failure {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: TrainArgs,
+    }
+
+    #[test]
+    fn what_a_fit_or_a_training_would_not_heed_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let [data, out] = ["data", "out.json"].map(|name| folder.path().join(name).display().to_string());
+        let refused = |network: &str, options: &[&str]| {
+            let line = ["train", "--steps", "1", "--data", &data, "--out", &out, "--network", network];
+            let failure = run(&Line::parse_from(line.iter().chain(options)).args, Output { json: false }).unwrap_err();
+            (failure.exit_code(), failure.error().and_then(|e| e.field.clone()).unwrap_or_default())
+        };
+        let of_networks: [&[&str]; 4] = [&["--minutes", "5"], &["--slots", "4"], &["--relations", "paper"], &["--device", "cuda"]];
+        for options in of_networks {
+            assert_eq!(refused(STANDING, options), (2, options[0].trim_start_matches('-').to_owned()));
+        }
+        assert_eq!(refused(BACK, &["--start", "w.safetensors", "--mean-with", "w.safetensors"]), (2, "mean-with".to_owned()));
+        assert_eq!(refused("joint", &["--first", "40"]), (2, "first".to_owned()));
+    }
 
     #[test]
     fn a_setting_at_fault_is_bad_input_that_names_it_and_the_rest_is_not() {
