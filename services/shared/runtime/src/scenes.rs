@@ -4,6 +4,7 @@
 //! with the scene enclosed: [`Caller::call_with_scene`] does both within one deadline.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use futures::StreamExt;
 use futures::stream::FuturesOrdered;
@@ -167,7 +168,7 @@ async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &Call
     let ask = |k: u32| async move {
         let part = ByteRange { offset: k * PART_BYTES, length: PART_BYTES };
         let request = Payload::json(&SceneRequest { part: Some(part), ..request.clone() })?;
-        perception.call_any("scene", &request, &options.until(deadline)).await
+        fetch_part(perception, &request, options, deadline).await
     };
     let mut under_way: FuturesOrdered<_> = (0..PARTS_AT_ONCE).map(ask).collect();
     let mut next = PARTS_AT_ONCE;
@@ -195,6 +196,28 @@ async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &Call
         }
     }
     Err(CallError::internal("the scene has more parts than were asked for"))
+}
+
+/// Least time after which a part that was refused is asked for again.
+const ASK_AGAIN: Duration = Duration::from_millis(20);
+
+/// One part. Whoever looks at a cell asks for a new scene at once, each for many parts, and a worker that is full refuses some: these are asked for
+/// again, as the others are on their way.
+async fn fetch_part(perception: &Caller, request: &Payload, options: &CallOptions, deadline: Instant) -> Result<Answer, CallError> {
+    loop {
+        let full = match perception.call_any("scene", request, &options.until(deadline)).await {
+            Err(error) if error.code == ErrorCode::ResourceExhausted => error,
+            ended => return ended,
+        };
+        let wait = Duration::from_millis(full.retry_after_ms.unwrap_or(0)).max(ASK_AGAIN);
+        if wait * 2 > deadline.saturating_duration_since(Instant::now()) {
+            return Err(full);
+        }
+        tokio::select! {
+            () = tokio::time::sleep(wait) => {}
+            () = options.cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
+        }
+    }
 }
 
 impl Caller {

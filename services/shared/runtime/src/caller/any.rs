@@ -12,8 +12,8 @@ impl Caller {
     /// have to wait for a first worker.
     ///
     /// # Errors
-    /// When nobody has a result: `not_found` if anyone said so, otherwise the last error; `unavailable` when nobody is alive. `cancelled`, and
-    /// those of a call's deadline.
+    /// When nobody has a result: `resource_exhausted` if anyone was too busy to say, else `not_found` if anyone said so, otherwise the last error;
+    /// `unavailable` when nobody is alive. `cancelled`, and those of a call's deadline.
     pub async fn call_any(&self, method: &str, payload: &Payload, options: &CallOptions) -> Result<Answer, CallError> {
         let deadline = deadline_of(options)?;
         self.wait_for_any(deadline, options).await?;
@@ -30,7 +30,7 @@ impl Caller {
         while let Some(ended) = futures::StreamExt::next(&mut calls).await {
             match ended {
                 Ok(answer) => return Ok(answer),
-                Err(error) if worst.code != ErrorCode::NotFound => worst = error,
+                Err(error) if weight(&error) >= weight(&worst) => worst = error,
                 Err(_) => {}
             }
         }
@@ -60,5 +60,14 @@ impl Caller {
                 }
             }
         }
+    }
+}
+
+/// How much an error says of what is asked for. Whoever is too busy may hold it, though all others do not.
+fn weight(error: &CallError) -> u8 {
+    match error.code {
+        ErrorCode::ResourceExhausted => 2,
+        ErrorCode::NotFound => 1,
+        _ => 0,
     }
 }

@@ -8,7 +8,7 @@ use async_trait::async_trait;
 use repose_proto::bulk::Bulk;
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
-use repose_proto::{CallError, Payload, Scene, Service};
+use repose_proto::{CallError, ErrorCode, Payload, Scene, Service};
 use repose_runtime::{Call, CallOptions, Handler, RuntimeConfig, fetch_scene};
 
 use crate::common::Network;
@@ -77,6 +77,62 @@ async fn a_scene_comes_in_parts_none_of_which_holds_a_link_for_long() {
     let (came, sent, largest) = fetched(Parts::Given).await;
     assert_eq!(came, sent);
     assert!(largest < 300_000, "{largest} bytes in one message");
+}
+
+/// A worker that is full at first.
+struct Full {
+    scene: OneScene,
+    refused: AtomicUsize,
+}
+
+/// Calls that it refuses.
+const REFUSED: usize = 40;
+
+#[async_trait]
+impl Handler for Full {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        if self.refused.fetch_add(1, Ordering::SeqCst) < REFUSED {
+            return Err(CallError::new(ErrorCode::ResourceExhausted, "full").retry_after(5));
+        }
+        self.scene.call(call).await
+    }
+
+    fn load(&self) -> WorkerLoad {
+        WorkerLoad::default()
+    }
+}
+
+/// A worker that has no scene.
+struct Without;
+
+#[async_trait]
+impl Handler for Without {
+    async fn call(&self, _call: Call) -> Result<Payload, CallError> {
+        Err(CallError::new(ErrorCode::NotFound, "no such scene").at("scene_id"))
+    }
+
+    fn load(&self) -> WorkerLoad {
+        WorkerLoad::default()
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn parts_that_a_full_worker_refuses_are_asked_for_again_though_another_has_none() {
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let [session, other] = [network.session().await, network.session().await];
+    let sent = large_scene();
+    let payload = Payload::bulk(Scene::SCHEMA, &sent.to_bulk()).unwrap();
+    let scene = OneScene { scene: payload, parts: Parts::Given, largest: AtomicUsize::default() };
+    let full = Arc::new(Full { scene, refused: AtomicUsize::default() });
+    let _servers = [
+        session.start(Service::Perception, full.clone()).await.unwrap(),
+        other.start(Service::Perception, Arc::new(Without)).await.unwrap(),
+    ];
+    let perception = session.caller(Service::Perception).await.unwrap();
+    perception.wait_for_workers(2, Duration::from_secs(10)).await.unwrap();
+    let came = fetch_scene(&perception, &"0".repeat(64), &CallOptions::within(Duration::from_secs(20))).await.unwrap();
+    assert_eq!(came, sent);
+    assert!(full.refused.load(Ordering::SeqCst) > REFUSED);
 }
 
 #[tokio::test(flavor = "multi_thread")]
