@@ -242,7 +242,8 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
     for record in records {
         let Some(trial) = record.trial(variant) else { continue };
         let is_none = trial.release.is_none();
-        times.push(trial.plan_ms);
+        // A request that was refused was not searched for: its time would make searches look shorter.
+        times.extend(trial.refused.is_none().then_some(trial.plan_ms));
         of_all.count(trial);
         if record.answerable() {
             of_answerable.count(trial);
@@ -377,6 +378,17 @@ mod tests {
         assert_eq!((best.two_supports, best.two_good_supports), (rate(1, 1), rate(0, 1)));
         assert_eq!(table.kinds.iter().map(|k| (k.name.as_str(), k.scenes)).collect::<Vec<_>>(), [("shelf", 3), ("kitchen", 2)]);
         assert_eq!(geometric.against_geometric, None);
+    }
+
+    #[test]
+    fn a_refused_request_is_an_answer_of_none_but_takes_no_part_in_the_times() {
+        let searched = trial(Variant::Best, Some(true), [0.9, 0.4, 0.01]);
+        let refused = VariantTrial { refused: Some("it carries another".to_owned()), plan_ms: 0.0, ..trial(Variant::Best, None, [0.0; 3]) };
+        let records: Vec<SceneRecord> =
+            (0..).zip([refused.clone(), refused, searched]).map(|(slot, trial)| record(slot, SceneKind::Desk, 1, vec![trial])).collect();
+        let tables = planner_tables(&records, &[Variant::Best]);
+        let [best] = &tables[0].all.rows[..] else { panic!("one row") };
+        assert_eq!((best.returned, best.times_ms), (Rate { of: 1, n: 3 }, [10.0, 10.0]));
     }
 
     #[test]
