@@ -50,15 +50,22 @@ pub enum FinalRunError {
     /// The code is not the code of any commit.
     #[error("files differ from commit {0}: a run of `final` names the code that made it, so commit first")]
     Dirty(String),
+    /// Nobody knows which code it is.
+    #[error("the commit is not known: a run of `final` names the code that made it, so run it in a checkout, with git at hand")]
+    Unknown,
 }
 
 /// The block to run: the one asked for, or the next; writes it down. A run that was begun with the same code and settings goes on.
 ///
 /// # Errors
-/// [`FinalRunError`] when the block was run before, one before it was not, the code is not committed, or the ledger cannot be kept.
+/// [`FinalRunError`] when the block was run before, one before it was not, the code is not committed or not known, or the ledger cannot be kept.
 pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_with: &Value) -> Result<u64, FinalRunError> {
     if let Some(clean) = commit.strip_suffix(DIRTY) {
         return Err(FinalRunError::Dirty(clean.to_owned()));
+    }
+    // Any two codes that are not known would pass for the same one, and the second go on with a block that the first has looked at.
+    if commit == UNKNOWN {
+        return Err(FinalRunError::Unknown);
     }
     let runs: Vec<FinalRun> = read(ledger)?.into_iter().filter(|run| run.table == table).collect();
     let next = runs.iter().map(|run| run.block + 1).max().unwrap_or(0);
@@ -82,6 +89,8 @@ pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_
 
 /// What a commit that files differ from ends in.
 const DIRTY: &str = "-dirty";
+/// The commit outside a checkout.
+const UNKNOWN: &str = "unknown";
 
 /// The commit that is checked out in the working directory.
 pub fn commit() -> String {
@@ -89,7 +98,7 @@ pub fn commit() -> String {
         let said = std::process::Command::new("git").args(arguments).stderr(std::process::Stdio::null()).output().ok()?;
         said.status.success().then(|| String::from_utf8_lossy(&said.stdout).trim().to_owned())
     };
-    let Some(head) = git(&["rev-parse", "HEAD"]) else { return "unknown".to_owned() };
+    let Some(head) = git(&["rev-parse", "HEAD"]) else { return UNKNOWN.to_owned() };
     let differs = git(&["status", "--porcelain", "--untracked-files=no"]).is_none_or(|changes| !changes.is_empty());
     format!("{head}{}", if differs { DIRTY } else { "" })
 }
@@ -130,6 +139,17 @@ mod tests {
         assert_eq!(std::fs::read_to_string(&ledger).expect("a file").lines().count(), 4);
         let dirty = claim(&ledger, "planner", None, "c3-dirty", &new).expect_err("what made it has no name").to_string();
         assert!(dirty.contains("c3") && dirty.contains("commit first"), "{dirty}");
+    }
+
+    #[test]
+    fn code_of_no_known_commit_takes_no_block() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let ledger = folder.path().join("final.jsonl");
+        for asked in [None, Some(0)] {
+            let refused = claim(&ledger, "planner", asked, UNKNOWN, &json!({})).expect_err("nobody knows what made it");
+            assert!(matches!(refused, FinalRunError::Unknown), "{refused}");
+        }
+        assert!(!ledger.exists(), "no block is spent");
     }
 
     #[test]
