@@ -322,9 +322,9 @@ impl<'a, T: TrainingTask> Run<'a, T> {
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
         checkpoint::save(self.settings, &self.origin, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
-        // A finished run that is resumed takes its last loss from the curve.
-        let before = self.curve.points.last().map(|point| (point.step, point.loss));
-        if let Some(loss) = self.loss.or(before.map(|(_, loss)| loss)).filter(|_| before.is_none_or(|(step, _)| step < self.step)) {
+        // A finished run that is resumed has its last point already.
+        let before = self.curve.points.last().map(|point| point.step);
+        if let Some(loss) = self.loss.filter(|_| before.is_none_or(|step| step < self.step)) {
             self.curve.add(self.settings, CurvePoint { step: self.step, loss, validation: metrics.clone() })?;
         }
         Ok(metrics)
@@ -336,6 +336,8 @@ impl<'a, T: TrainingTask> Run<'a, T> {
             (self.networks, self.parameters) = (networks, parameters);
             (self.average, self.adam, self.step) = (state.average, state.adam, state.step);
             self.curve = Curve::resumed(self.settings, self.step)?;
+            // The running mean goes on: begun anew, it would be one step's loss at first.
+            self.loss = self.curve.points.last().map(|point| point.loss);
             tracing::info!(step = self.step, "resumed");
         }
         Ok(())

@@ -11,7 +11,9 @@ use repose_dataset::{
 use repose_geometry::{OrientedBox, Pinhole, ViewerFrame, transform::look_at};
 use repose_networks::{Models, NetworksConfig, Weights};
 use repose_training::{
-    Compute, RelationsVariant, TrainError, TrainSettings, TrainedPart, train,
+    Compute, RelationsVariant, TrainError, TrainSettings, TrainedPart,
+    curve::Curve,
+    train,
     views::{TRIALS_AT_ONCE, Views},
 };
 
@@ -198,6 +200,14 @@ fn a_run_in_parts_gives_the_weights_of_one_in_one_go() {
     let read = |s: &TrainSettings| Weights::from_bytes(&std::fs::read(&s.out).unwrap()).unwrap();
     assert_eq!(read(&whole).values, read(&parts).values);
     assert_eq!(read(&whole).info, read(&parts).info);
+    // The running loss goes on as well. JSON may round its last digit.
+    let last = |s: &TrainSettings| {
+        let curve: Curve = serde_json::from_slice(&std::fs::read(s.out.with_extension("discriminator.curve.json")).unwrap()).unwrap();
+        curve.points.last().map(|point| (point.step, point.loss)).unwrap()
+    };
+    let ((steps, loss), (steps_in_parts, loss_in_parts)) = (last(&whole), last(&parts));
+    assert_eq!((steps, steps_in_parts), (5, 5));
+    assert!((loss - loss_in_parts).abs() < 1e-12, "{loss} and {loss_in_parts}");
 }
 
 #[test]
