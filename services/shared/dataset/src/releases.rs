@@ -86,11 +86,21 @@ fn scenes_of(path: &Path) -> Option<u64> {
     path.file_stem()?.to_str()?.rsplit_once('_')?.1.parse().ok()
 }
 
+/// What a file's name says before the number of its scenes: of which kind it is, and which scene is its first.
+fn beginning_of(path: &Path) -> Option<&str> {
+    Some(path.file_stem()?.to_str()?.rsplit_once('_')?.0)
+}
+
+/// Whether a file holds the scenes of another of its kind, and more.
+fn replaces(path: &Path, other: &Path) -> bool {
+    let is_longer = scenes_of(path).zip(scenes_of(other)).is_some_and(|(scenes, of_other)| scenes > of_other);
+    is_longer && beginning_of(path) == beginning_of(other)
+}
+
 /// The files of the same kind that begin at the same scene as `path`, itself included, with how many scenes each is of.
 fn from_same_scene(path: &Path) -> Vec<(u64, PathBuf)> {
-    let beginning = |path: &Path| Some(path.file_stem()?.to_str()?.rsplit_once('_')?.0.to_owned());
     let entries = path.parent().and_then(|folder| std::fs::read_dir(folder).ok()).into_iter().flatten().flatten();
-    let is_other = |there: &PathBuf| there.extension() == path.extension() && beginning(there) == beginning(path);
+    let is_other = |there: &PathBuf| there.extension() == path.extension() && beginning_of(there) == beginning_of(path);
     entries.map(|entry| entry.path()).filter(is_other).filter_map(|there| Some((scenes_of(&there)?, there))).collect()
 }
 
@@ -132,11 +142,12 @@ pub fn write_releases(path: &Path, made_with: &serde_json::Value, releases: &[Re
     ];
     let metadata = HashMap::from([(FORMAT_KEY.to_owned(), RELEASES_FORMAT.to_owned())]);
     let bytes = safetensors::serialize(tensors, Some(metadata)).map_err(|e| WriteError::Container(e.to_string()))?;
-    // Outcomes that are in two files would count twice.
-    for (_, shorter) in from_same_scene(path).into_iter().filter(|(scenes, _)| scenes_of(path).is_some_and(|written| *scenes < written)) {
+    write_whole(path, &bytes).map_err(|source| WriteError::Io { path: path.to_path_buf(), source })?;
+    // Only now: had the disk been full, they would be all there is. Should this be interrupted, readers pass over them.
+    for (_, shorter) in from_same_scene(path).into_iter().filter(|(_, there)| replaces(path, there)) {
         std::fs::remove_file(&shorter).map_err(|source| WriteError::Io { path: shorter, source })?;
     }
-    write_whole(path, &bytes).map_err(|source| WriteError::Io { path: path.to_path_buf(), source })
+    Ok(())
 }
 
 /// The path of the file of outcomes whose first scene is `first_scene`, for `scenes` scenes, under a folder of views.
@@ -172,10 +183,12 @@ fn read_named(folder: &Path, beginning: &str) -> Result<Vec<ReleaseRecord>, Read
         return Ok(Vec::new());
     }
     let begins = |path: &Path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(beginning));
+    let paths: Vec<PathBuf> = shard_paths(&folder)?.into_iter().filter(|path| begins(path)).collect();
     let mut all = Vec::new();
-    for path in shard_paths(&folder)?.into_iter().filter(|path| begins(path)) {
-        let bytes = std::fs::read(&path).map_err(|source| ReadError::Io { path: path.clone(), source })?;
-        all.extend(parsed(&path, &bytes)?);
+    // Outcomes that are in two files would count twice.
+    for path in paths.iter().filter(|path| !paths.iter().any(|other| replaces(other, path))) {
+        let bytes = std::fs::read(path).map_err(|source| ReadError::Io { path: path.clone(), source })?;
+        all.extend(parsed(path, &bytes)?);
     }
     Ok(all)
 }
@@ -270,6 +283,29 @@ mod tests {
         assert!(releases_are_there(&of(16), &json!({"per_scene": 3})).is_err());
         write_releases(&of(16), &made_with, &[record(1)]).unwrap();
         assert_eq!(read_releases(folder.path()).unwrap(), [record(1), record(17)]);
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_written_leaves_those_of_fewer_scenes() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |scenes| releases_path(folder.path(), 0, scenes);
+        write_releases(&of(3), &json!({}), &[record(1), record(2)]).unwrap();
+        // Where the new one is written before it is renamed, there is no room for it.
+        std::fs::create_dir(of(16).with_extension("safetensors.tmp")).unwrap();
+        assert!(write_releases(&of(16), &json!({}), &[record(1)]).is_err());
+        assert_eq!(read_releases(folder.path()).unwrap(), [record(1), record(2)]);
+    }
+
+    #[test]
+    fn scenes_that_are_in_a_longer_file_too_count_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |scenes| releases_path(folder.path(), 0, scenes);
+        // The longer file first, so that nothing removes the shorter one: as after an interruption.
+        write_releases(&of(16), &json!({}), &[record(1), record(9)]).unwrap();
+        write_releases(&of(3), &json!({}), &[record(1)]).unwrap();
+        write_releases(&proposals_path(folder.path(), 0, 3), &json!({}), &[record(2)]).unwrap();
+        assert!(of(3).exists());
+        assert_eq!(read_releases(folder.path()).unwrap(), [record(2), record(1), record(9)]);
     }
 
     #[test]
