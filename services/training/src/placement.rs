@@ -117,12 +117,11 @@ impl<C: Candidates> TrainingTask for PlacementTask<C> {
                 if place.is_good { good.push(logit) } else { bad.push(logit) }
             }
         }
-        let accepted = |s: &[f32]| s.iter().filter(|x| **x > 0.0).count() as f64 / s.len().max(1) as f64;
         Ok(serde_json::json!({
             "loss": loss / episodes.len().max(1) as f64,
             "auc": area_under_curve(&good, &bad),
-            "accepted_good": accepted(&good),
-            "accepted_bad": accepted(&bad),
+            "accepted_good": accepted_share(&good),
+            "accepted_bad": accepted_share(&bad),
             "good": good.len(),
             "bad": bad.len(),
             "episodes": episodes.len(),
@@ -130,8 +129,14 @@ impl<C: Candidates> TrainingTask for PlacementTask<C> {
     }
 }
 
-/// The probability that a positive scores above a negative; ties count half.
-pub fn area_under_curve(positives: &[f32], negatives: &[f32]) -> f64 {
+/// The share of places that a network accepts, by their logits. `None` of no places: no bad one accepted would look like a figure.
+fn accepted_share(logits: &[f32]) -> Option<f64> {
+    let accepted = logits.iter().filter(|logit| **logit > 0.0).count();
+    (!logits.is_empty()).then(|| accepted as f64 / logits.len() as f64)
+}
+
+/// The probability that a positive scores above a negative; ties count half. `None` without both.
+pub fn area_under_curve(positives: &[f32], negatives: &[f32]) -> Option<f64> {
     let mut wins = 0.0;
     for p in positives {
         for n in negatives {
@@ -144,7 +149,8 @@ pub fn area_under_curve(positives: &[f32], negatives: &[f32]) -> f64 {
             };
         }
     }
-    wins / (positives.len() * negatives.len()).max(1) as f64
+    let pairs = positives.len() * negatives.len();
+    (pairs > 0).then(|| wins / pairs as f64)
 }
 
 #[cfg(test)]
@@ -153,7 +159,15 @@ mod tests {
 
     #[test]
     fn the_area_under_the_curve_counts_ordered_pairs() {
-        assert_eq!(area_under_curve(&[2.0, 3.0], &[1.0, 2.0]), 0.875);
-        assert_eq!(area_under_curve(&[1.0], &[1.0]), 0.5);
+        assert_eq!(area_under_curve(&[2.0, 3.0], &[1.0, 2.0]), Some(0.875));
+        assert_eq!(area_under_curve(&[1.0], &[1.0]), Some(0.5));
+    }
+
+    #[test]
+    fn of_places_that_there_are_none_of_there_is_no_figure() {
+        assert_eq!((accepted_share(&[0.2, -0.1]), accepted_share(&[])), (Some(0.5), None));
+        let (none, one): ([f32; 0], [f32; 1]) = ([], [0.3]);
+        assert_eq!(area_under_curve(&none, &one), None);
+        assert_eq!(area_under_curve(&one, &none), None);
     }
 }
