@@ -22,6 +22,8 @@ use crate::scenes::problem::{Problem, ProblemSettings};
 pub const BATCHES: [usize; 3] = [1, 25, 100];
 /// Translations scored against one anchor at once.
 const TRANSLATIONS: usize = 1000;
+/// The prior's goal, by relations in wire order.
+const TO_THE_LEFT: [i8; 10] = [1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
 /// Rows and columns of the product that stands for the machine.
 const MATRIX: usize = 1024;
 
@@ -45,7 +47,7 @@ pub struct ScoringSpeed {
     pub points: usize,
     /// Scores (all relations of one candidate to one anchor) a second, for translations.
     pub relations_per_s: f64,
-    /// Mixtures a second, every thread with a question of its own.
+    /// Mixtures a second, every thread with a question of its own, about a scene that was asked nothing before.
     pub prior_per_s: f64,
     /// The discriminator's arithmetic at the largest batch as a share of the machine's, 0 to 1 and beyond.
     pub matmul_share: f64,
@@ -154,14 +156,7 @@ pub fn scoring_speed(models: &Models, settings: &SpeedSettings) -> Result<Scorin
             let scored = models.relations(&scene.context, scene.query, &[scene.anchor], &scene.candidates, settings.threads);
             scored.map(drop).map_err(|e| internal(&e))
         })?;
-    let mut goal = [0; 10];
-    goal[0] = 1;
-    let prior_per_s = settings.threads as f64
-        * per_second(settings.each, || {
-            let asked =
-                spread(settings.threads, settings.threads, || (), |(), _| models.prior(&scene.context, scene.query, scene.anchor, goal));
-            asked.into_iter().try_for_each(|a| a.map(drop)).map_err(|e| internal(&e))
-        })?;
+    let prior_per_s = mixtures_per_s(models, &scene, settings)?;
     let matmul_gflops = matmul_gflops(settings).map_err(|e| internal(&e))?;
     let candidate_gflop = operations * 1e-9;
     Ok(ScoringSpeed {
@@ -176,6 +171,21 @@ pub fn scoring_speed(models: &Models, settings: &SpeedSettings) -> Result<Scorin
         kernel: models.kernel_id(),
         threads: settings.threads,
     })
+}
+
+/// Mixtures a second for a goal to the left, by all threads together.
+fn mixtures_per_s(models: &Models, scene: &ScoringScene, settings: &SpeedSettings) -> Result<f64, CallError> {
+    let per_thread = per_second(settings.each, || {
+        let asked = spread(
+            settings.threads,
+            settings.threads,
+            || (),
+            // A scene keeps what it was asked before, all but the last layers of it; and the threads would wait for each other.
+            |(), _| models.prior(&scene.context.with_nothing_kept(), scene.query, scene.anchor, TO_THE_LEFT),
+        );
+        asked.into_iter().try_for_each(|a| a.map(drop)).map_err(|e| CallError::internal(e.to_string()))
+    })?;
+    Ok(settings.threads as f64 * per_thread)
 }
 
 /// How often a second `work` is done, warm: one run does not count, then as many as fit.
@@ -213,6 +223,21 @@ fn matmul_gflops(settings: &SpeedSettings) -> candle_core::Result<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_mixture_is_timed_from_the_scene_on_and_not_from_what_is_kept_of_it() {
+        let models = Models::embedded().expect("embedded weights");
+        let settings = SpeedSettings { each: Duration::from_millis(50), threads: 1 };
+        let scene = ScoringScene::first(models.config()).expect("a scene");
+        let first = mixtures_per_s(&models, &scene, &settings).expect("a figure");
+        let again = per_second(settings.each, || {
+            let asked = models.prior(&scene.context, scene.query, scene.anchor, TO_THE_LEFT);
+            asked.map(drop).map_err(|e| CallError::internal(e.to_string()))
+        });
+        let again = again.expect("a figure");
+        // What is kept are the encoders' codes: nearly all of the work.
+        assert!(first < 0.2 * again, "{first} a second, and {again} of what is kept");
+    }
 
     #[test]
     fn a_short_measurement_has_every_figure() {

@@ -120,6 +120,12 @@ impl SceneContext {
         Ok(Self { scene, objects, viewer_from_world, viewer, features, pairs, prior_codes })
     }
 
+    /// The same scene with nothing kept of earlier questions: to ask what it costs to be asked for the first time.
+    #[must_use]
+    pub fn with_nothing_kept(&self) -> Self {
+        Self { features: Kept::default(), pairs: Kept::default(), prior_codes: Kept::default(), ..self.clone() }
+    }
+
     /// The labels of the objects that have points, ascending.
     pub fn objects(&self) -> impl Iterator<Item = u16> + '_ {
         self.objects.keys().copied()
