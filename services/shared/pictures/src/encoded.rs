@@ -21,15 +21,18 @@ pub fn jpeg(frame: &Frame, quality: u8) -> Result<Vec<u8>, CallError> {
 /// Encodes a picture as JPEG of a quality of 1 to 100.
 ///
 /// # Errors
-/// `internal` when the encoder refuses, as it does of pictures without a pixel.
+/// `internal` when the encoder refuses, as it does of pictures without a pixel, or with more of them in a row or a column than JPEG has.
 pub fn jpeg_of(picture: &Image<Rgb>, quality: u8) -> Result<Vec<u8>, CallError> {
     encoded(picture.pixels().as_flattened(), (picture.width(), picture.height()), ColorType::Rgb, quality)
 }
 
 fn encoded(pixels: &[u8], (width, height): (usize, usize), color: ColorType, quality: u8) -> Result<Vec<u8>, CallError> {
+    let failed = |why: &dyn std::fmt::Display| CallError::internal(format!("the picture could not be encoded: {why}"));
+    let (Ok(columns), Ok(rows)) = (u16::try_from(width), u16::try_from(height)) else {
+        return Err(failed(&format_args!("JPEG has {} pixels a side at most, and it has {width} x {height}", u16::MAX)));
+    };
     let mut bytes = Vec::new();
-    let encoded = Encoder::new(&mut bytes, quality).encode(pixels, width as u16, height as u16, color);
-    encoded.map_err(|e| CallError::internal(format!("the picture could not be encoded: {e}")))?;
+    Encoder::new(&mut bytes, quality).encode(pixels, columns, rows, color).map_err(|e| failed(&e))?;
     Ok(bytes)
 }
 
@@ -65,5 +68,14 @@ mod tests {
     fn a_drawn_picture_is_encoded_and_an_empty_one_refused() {
         assert!(jpeg_of(&Image::filled(16, 8, [10, 200, 30]), 80).expect("encoded").starts_with(&[0xff, 0xd8, 0xff]));
         assert!(jpeg_of(&Image::filled(0, 0, [0; 3]), 80).is_err());
+    }
+
+    #[test]
+    fn a_picture_that_is_too_wide_or_too_high_for_jpeg_is_refused_and_not_cut_to_a_strip() {
+        let side = usize::from(u16::MAX) + 1 + 16;
+        for (width, height) in [(side, 8), (8, side)] {
+            let refused = jpeg_of(&Image::filled(width, height, [10, 200, 30]), 80).expect_err("more than JPEG has").to_string();
+            assert!(refused.contains(&format!("{width} x {height}")), "{refused}");
+        }
     }
 }
