@@ -335,7 +335,8 @@ fn correlation(scenes: &[Vec<ReleaseTrial>]) -> Correlation {
     let all = pairs(&mut scenes.iter().flatten());
     let r = pearson_r(&all);
     let interval = interval(scenes, 2, |groups| pearson_r(&pairs(&mut groups.iter().flat_map(|g| g.iter()))));
-    let outliers = scenes.iter().flatten().filter(|t| t.judged.moved_m >= OUTLIER_M).count();
+    // What nothing is said of is no pair to be left out.
+    let outliers = scenes.iter().flatten().filter(|t| t.realism.is_some() && t.judged.moved_m >= OUTLIER_M).count();
     Correlation { n: all.len(), outliers, r, p: r.and_then(|r| pearson_p(r, all.len())), interval }
 }
 
@@ -383,6 +384,14 @@ mod tests {
         );
         assert!((best.calibration.error.expect("one forecast") - 0.2).abs() < 1e-9);
         assert_eq!((full.confident, full.stable, full.calibration.error), (Rate { of: 0, n: 2 }, Rate::default(), None));
+    }
+
+    #[test]
+    fn placements_of_a_variant_that_asks_no_network_are_no_pairs_left_out() {
+        let unsaid = ReleaseTrial { realism: None, ..trial(Some(Variant::Geometric), 0, 0.0, 0.9) };
+        let table = table_of(&[vec![unsaid], vec![unsaid]], &[Variant::Geometric]);
+        let geometric = &table.rows[0];
+        assert_eq!((geometric.confident, geometric.correlation.n, geometric.correlation.outliers), (Rate { of: 2, n: 2 }, 0, 0));
     }
 
     #[test]
