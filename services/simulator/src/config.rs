@@ -1,10 +1,16 @@
 //! The simulator's configuration: every field with its unit, its default, and what raising it does. Unknown fields are refused.
 
+use std::ops::RangeInclusive;
+
 use repose_proto::keys::validate_chunk;
 use repose_sensor::SensorModel;
 use serde::{Deserialize, Serialize};
 
 use crate::SimulatorError;
+
+/// What may be asked of the world's clock. A step of a much slower one takes longer than the machine's clock can count, and the world's thread
+/// would end with it.
+const TIME_SCALES: RangeInclusive<f64> = 1e-6..=100.0;
 
 /// Configuration of a simulator process, section `[simulator]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -20,7 +26,7 @@ pub struct SimulatorConfig {
     pub frame_period_ms: u64,
     /// How often the robot's state is put, milliseconds, at least 1. Default 10; higher makes commanders react later.
     pub state_period_ms: u64,
-    /// Simulated seconds per real second, above 0 to 100. Default 1; higher runs faster than a real robot, as far as the machine keeps up.
+    /// Simulated seconds per real second, a millionth to 100. Default 1; higher runs faster than a real robot, as far as the machine keeps up.
     pub time_scale: f64,
     /// Whether frames carry the true instance labels. Default true; without them perception segments by itself.
     pub labels: bool,
@@ -68,8 +74,8 @@ impl SimulatorConfig {
         if self.state_period_ms < 1 {
             return fail("state_period_ms", "expected at least 1, got 0".to_owned());
         }
-        if !(self.time_scale > 0.0 && self.time_scale <= 100.0) {
-            return fail("time_scale", format!("expected above 0 to 100, got {}", self.time_scale));
+        if !TIME_SCALES.contains(&self.time_scale) {
+            return fail("time_scale", format!("expected {:e} to {}, got {}", TIME_SCALES.start(), TIME_SCALES.end(), self.time_scale));
         }
         if SensorModel::named(&self.sensor).is_none() {
             return fail("sensor", format!("expected one of {}, got {:?}", SensorModel::NAMES.join(", "), self.sensor));
@@ -83,5 +89,22 @@ impl SimulatorConfig {
     /// The depth camera.
     pub fn sensor_model(&self) -> SensorModel {
         SensorModel::named(&self.sensor).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_that_no_step_can_be_counted_by_is_refused() {
+        let with = |time_scale: f64| SimulatorConfig { time_scale, ..SimulatorConfig::default() }.validate();
+        for time_scale in [1e-6, 1.0, 100.0] {
+            assert!(with(time_scale).is_ok(), "{time_scale}");
+        }
+        for time_scale in [0.0, -1.0, 1e-30, f64::MIN_POSITIVE, 101.0, f64::INFINITY, f64::NAN] {
+            let error = with(time_scale).expect_err("out of range").to_string();
+            assert!(error.contains("time_scale"), "{error}");
+        }
     }
 }
