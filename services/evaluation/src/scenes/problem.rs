@@ -100,9 +100,9 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// The problem of scene `index` of a split; `None` where the seed gives no scene or no goal that is still open.
+    /// The problem of scene `index` of a split; `None` where the split ends before it, or the seed gives no scene or no goal that is still open.
     pub fn of_split(split: Split, index: u64, settings: &ProblemSettings) -> Option<Self> {
-        Self::of_seed(split.seeds().start + index, settings)
+        Self::of_seed(split.seed(index)?, settings)
     }
 
     /// The problem of a scene seed; `None` where the seed gives no scene or no goal that is still open.
@@ -198,4 +198,16 @@ fn open_goal(scene: &SimulatedScene, viewer: &ViewerFrame, seen: &[u16], of: &[R
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_problem_of_a_split_comes_from_the_scenes_of_the_next() {
+        let seeds = Split::Test.seeds();
+        let (scenes, settings) = (seeds.end - seeds.start, ProblemSettings::default());
+        assert!((0..5).all(|beyond| Problem::of_split(Split::Test, scenes + beyond, &settings).is_none()));
+    }
 }

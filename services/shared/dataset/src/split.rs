@@ -37,6 +37,13 @@ impl Split {
         }
     }
 
+    /// The seed of one of this split's scenes, counted from its first; `None` beyond its last, where another split's begin: what is looked at in
+    /// the name of one split is never another's.
+    pub fn seed(self, index: u64) -> Option<u64> {
+        let seeds = self.seeds();
+        seeds.start.checked_add(index).filter(|seed| seeds.contains(seed))
+    }
+
     /// The split that a scene seed belongs to; `None` for seeds outside all of them (demonstrations, tests).
     pub fn of_seed(seed: u64) -> Option<Self> {
         Self::ALL.into_iter().find(|split| split.seeds().contains(&seed))
@@ -64,5 +71,15 @@ mod tests {
             assert_eq!(Split::of_seed(split.seeds().end - 1), Some(split));
         }
         assert_eq!(Split::of_seed(u64::MAX), None);
+    }
+
+    #[test]
+    fn a_split_has_no_scenes_beyond_its_last() {
+        for split in Split::ALL {
+            let scenes = split.seeds().end - split.seeds().start;
+            assert_eq!(split.seed(0), Some(split.seeds().start));
+            assert_eq!(split.seed(scenes - 1).and_then(Split::of_seed), Some(split));
+            assert_eq!((split.seed(scenes), split.seed(u64::MAX)), (None, None));
+        }
     }
 }

@@ -77,7 +77,7 @@ impl ArrangementTask {
     pub fn of_slot(split: Split, (kind, goals): (TaskKind, usize), slot: u64) -> Option<Self> {
         const SEEDS: u64 = 60;
         const STRIDE: u64 = 500_000;
-        (0..SEEDS).find_map(|k| Self::of_seed(split.seeds().start + slot + k * STRIDE, kind, goals))
+        (0..SEEDS).find_map(|k| Self::of_seed(split.seed(slot + k * STRIDE)?, kind, goals))
     }
 
     /// The task of a seed; none where what was drawn finds no room, does not rest, is not seen, or is not solved by its own solution.
