@@ -196,7 +196,7 @@ pub enum GenerateError {
 /// [`GenerateError`]; shards that were finished stay, and the next run goes on from them.
 pub fn generate(settings: &GenerateSettings, progress: impl FnMut(&Generated) -> bool + Send) -> Result<Generated, GenerateError> {
     let seeds = settings.split.seeds();
-    let (available, end) = (seeds.end - seeds.start, settings.first_scene + settings.scenes);
+    let (available, end) = (seeds.end - seeds.start, settings.first_scene.saturating_add(settings.scenes));
     if end > available {
         return Err(GenerateError::Seeds { first: settings.first_scene, end, split: settings.split.name(), available });
     }

@@ -134,8 +134,11 @@ fn another_setting_in_the_same_folder_is_refused_by_name() {
 #[test]
 fn more_scenes_than_the_split_has_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
-    let too_many = GenerateSettings { first_scene: 999_999_998, ..settings(folder.path(), 1) };
-    assert!(matches!(generate(&too_many, |_| true), Err(GenerateError::Seeds { .. })));
+    // The last of these ends beyond what can be counted.
+    for first_scene in [999_999_998, u64::MAX - 1] {
+        let too_many = GenerateSettings { first_scene, ..settings(folder.path(), 1) };
+        assert!(matches!(generate(&too_many, |_| true), Err(GenerateError::Seeds { .. })));
+    }
     let between = GenerateSettings { first_scene: 3, ..settings(folder.path(), 1) };
     assert!(matches!(generate(&between, |_| true), Err(GenerateError::FirstScene { got: 3, .. })));
 }
