@@ -126,6 +126,20 @@ pub struct ViewJson {
     pub objects: Vec<ObjectJson>,
 }
 
+impl CameraJson {
+    /// What is wrong with the intrinsics, as points cannot be told by them; `None` where nothing is.
+    pub fn fault(&self) -> Option<String> {
+        const FOCAL_PX: std::ops::RangeInclusive<f64> = 1.0..=1e6;
+        const CENTER_MOST_PX: f64 = 1e6;
+        let Self { fx, fy, cx, cy, .. } = self;
+        if !(FOCAL_PX.contains(fx) && FOCAL_PX.contains(fy)) {
+            return Some(format!("expected focal lengths of {} to {} pixels, got {fx} and {fy}", FOCAL_PX.start(), FOCAL_PX.end()));
+        }
+        let is_near = cx.abs() <= CENTER_MOST_PX && cy.abs() <= CENTER_MOST_PX;
+        (!is_near).then(|| format!("expected a principal point within {CENTER_MOST_PX} pixels, got {cx}, {cy}"))
+    }
+}
+
 impl ViewJson {
     /// What a view's JSON says.
     pub fn of(view: &ViewRecord) -> Self {

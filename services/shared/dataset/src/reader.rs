@@ -177,6 +177,9 @@ impl Shard {
             let reason = format!("expected at most {MOST_PIXELS} pixels, got {} x {}", camera.width, camera.height);
             return Err(self.malformed(&format!("{VIEWS}[{v}].camera"), reason));
         }
+        if let Some(reason) = camera.fault() {
+            return Err(self.malformed(&format!("{VIEWS}[{v}].camera"), reason));
+        }
         let relations = self.shaped(&format!("{v:04}/relations"), Dtype::U8, &[n, n, RELATIONS])?;
         let gap_m = self.shaped(&format!("{v:04}/gap_m"), Dtype::F32, &[n, n])?;
         let fixture = |(k, f): (usize, &crate::json::FixtureJson)| {

@@ -117,6 +117,21 @@ fn a_view_that_contradicts_itself_is_refused() {
 }
 
 #[test]
+fn a_camera_by_which_no_points_can_be_told_is_an_error_and_leaves_the_other_views() {
+    let camera = view(0, false).camera;
+    let broken =
+        [Pinhole { fx: 0.0, ..camera }, Pinhole { fy: -5.0, ..camera }, Pinhole { fx: 1e-300, ..camera }, Pinhole { cx: 1e300, ..camera }];
+    for camera in broken {
+        let folder = tempfile::tempdir().unwrap();
+        let path = &written(folder.path(), &[ViewRecord { camera, ..view(0, false) }, view(1, false)])[0];
+        let shard = Shard::open(path).unwrap();
+        let error = shard.view(0).unwrap_err().to_string();
+        assert!(error.contains("views[0].camera"), "{error}");
+        assert!(shard.view(1).is_ok());
+    }
+}
+
+#[test]
 fn the_first_version_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("shard_00000.safetensors");
