@@ -225,21 +225,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mixture_is_timed_from_the_scene_on_and_not_from_what_is_kept_of_it() {
-        let models = Models::embedded().expect("embedded weights");
-        let settings = SpeedSettings { each: Duration::from_millis(50), threads: 1 };
-        let scene = ScoringScene::first(models.config()).expect("a scene");
-        let first = mixtures_per_s(&models, &scene, &settings).expect("a figure");
-        let again = per_second(settings.each, || {
-            let asked = models.prior(&scene.context, scene.query, scene.anchor, TO_THE_LEFT);
-            asked.map(drop).map_err(|e| CallError::internal(e.to_string()))
-        });
-        let again = again.expect("a figure");
-        // What is kept are the encoders' codes: nearly all of the work.
-        assert!(first < 0.2 * again, "{first} a second, and {again} of what is kept");
-    }
-
-    #[test]
     fn a_short_measurement_has_every_figure() {
         let models = Models::embedded().expect("embedded weights");
         let speed = scoring_speed(&models, &SpeedSettings { each: Duration::from_millis(50), threads: 2 }).expect("figures");
