@@ -325,7 +325,6 @@ pub const DISTANCES: PhraseTable<bool> = &[
     ("nearest to", true),
     ("nearest", true),
     ("closest to", true),
-    ("next nearest", true),
     ("farthest from", false),
     ("furthest from", false),
     ("farthest away from", false),
