@@ -128,7 +128,7 @@ impl<'a> Resolver<'a> {
         let query = self.moved(reading, &mut said)?;
         said.moved = Some(query);
         let mut taken = vec![ResolvedPhrase { phrase: self.phrase(&reading.query), object: query }];
-        let mut goal: Vec<GoalTerm> = Vec::new();
+        let (mut goal, mut denied_together): (Vec<GoalTerm>, Vec<Vec<GoalTerm>>) = (Vec::new(), Vec::new());
         let mut of_anchor: Option<Understood> = None;
         for term in &reading.terms {
             let anchor_before = said.anchors.last().copied();
@@ -147,6 +147,11 @@ impl<'a> Resolver<'a> {
             for (relation, holds) in term.relations.iter().flat_map(|(all, holds)| all.iter().map(|r| (*r, *holds))) {
                 asked.extend(anchors.iter().map(|anchor| GoalTerm { relation, anchor: *anchor, holds }));
             }
+            for (all, _) in term.relations.iter().filter(|(all, holds)| !holds && all.len() > 1) {
+                let denied =
+                    |anchor: &u16| all.iter().map(|r| GoalTerm { relation: *r, anchor: *anchor, holds: false }).collect::<Vec<_>>();
+                denied_together.extend(anchors.iter().map(denied));
+            }
             if let Some(query) = anchor_before.filter(|_| term.of_anchor) {
                 of_anchor = Some(Understood { query, goal: asked.clone(), taken: Vec::new() });
             }
@@ -157,6 +162,7 @@ impl<'a> Resolver<'a> {
             }
             said.anchors.extend(anchors);
         }
+        leave_what_is_asked(&mut goal, &denied_together);
         let understood = Understood { query, goal, taken };
         match of_anchor {
             None => Ok(understood),
@@ -324,6 +330,18 @@ impl<'a> Resolver<'a> {
 
     fn phrase(&self, description: &Description) -> String {
         self.words[description.span.0..description.span.1].join(" ")
+    }
+}
+
+/// "On the plate but not in the middle of it" denies the middle alone, though that is on the plate, too: of relations that are denied together those
+/// hold that the sentence asks for, so the others are denied.
+fn leave_what_is_asked(goal: &mut Vec<GoalTerm>, denied_together: &[Vec<GoalTerm>]) {
+    for denied in denied_together {
+        let is_asked = |term: &GoalTerm| goal.contains(&GoalTerm { holds: true, ..*term });
+        let (asked, others): (Vec<GoalTerm>, Vec<GoalTerm>) = denied.iter().copied().partition(is_asked);
+        if !others.is_empty() {
+            goal.retain(|term| !asked.contains(term));
+        }
     }
 }
 
