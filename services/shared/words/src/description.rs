@@ -125,6 +125,12 @@ impl Description {
         }
     }
 
+    /// Whether words of it compare the object with others.
+    pub fn compares(&self) -> bool {
+        let is_compared = |word: &ShapeWord| matches!(word, ShapeWord::Tall | ShapeWord::Flat);
+        !self.picks.is_empty() || self.distance.is_some() || self.shapes.iter().any(is_compared)
+    }
+
     /// Has no clause describe the object that is not needed to tell it.
     pub fn say_only_what_is_needed(&mut self) {
         for clause in self.clauses.iter_mut().filter(|clause| clause.telling == Telling::IfTrue) {

@@ -269,6 +269,24 @@ impl<'a> Resolver<'a> {
         if self.places_follow {
             self.needed(description, head, among, said)?;
         }
+        let mut found = self.compared(description, head, among, said)?;
+        if description.number.is_some() && !found.is_empty() && description.compares() {
+            // Compared with nothing but itself, any object is the largest. Where without the number another one is meant, one of the two is a slip.
+            let unnumbered = Description { number: None, ..description.clone() };
+            let meant = self.compared(&unnumbered, head, among, &mut said.clone())?;
+            found.retain(|look| meant.is_empty() || meant.iter().any(|other| other.id == look.id));
+        }
+        Ok(found)
+    }
+
+    /// The objects that are left of those that fit when clauses and comparisons have been applied.
+    fn compared(
+        &self,
+        description: &Description,
+        head: Option<Head>,
+        among: &[&'a ObjectAppearance],
+        said: &mut Said,
+    ) -> Result<Vec<&'a ObjectAppearance>, Problem> {
         let mut found = fitting(description, head, among);
         for clause in &description.clauses {
             let anchor = self.one(&clause.anchor, &mut Said { noun: said.noun, ..Said::default() })?;
