@@ -34,8 +34,10 @@ pub enum ShapeWord {
 pub enum Measure {
     /// Volume.
     Size,
-    /// Height.
+    /// Its own height.
     Height,
+    /// How high its top is: as its own height, unless it stands on something.
+    Top,
     /// Longest horizontal edge.
     Length,
     /// The viewer's x.

@@ -63,6 +63,21 @@ pub fn by_build<'a>(word: ShapeWord, among: &[&'a ObjectAppearance]) -> Vec<&'a 
 
 /// The object that a comparison picks; those that are too much alike to be told apart where it is not clear; none past the last.
 pub fn picked<'a>(pick: Pick, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
+    let found = by_measure(pick, among);
+    if pick.measure != Measure::Top {
+        return found;
+    }
+    // "The lower box" is the one that is less high, or the one below. Where those differ, either may be meant.
+    let mut by_height = by_measure(Pick { measure: Measure::Height, ..pick }, among);
+    let is_in = |look: &ObjectAppearance, looks: &[&ObjectAppearance]| looks.iter().any(|other| other.id == look.id);
+    if !by_height.iter().all(|look| is_in(look, &found)) {
+        let others: Vec<&ObjectAppearance> = found.into_iter().filter(|look| !is_in(look, &by_height)).collect();
+        by_height.extend(others);
+    }
+    by_height
+}
+
+fn by_measure<'a>(pick: Pick, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
     let rank = match pick.rank {
         Some(rank) => rank,
         // The one in the middle has as many on either side.
@@ -98,6 +113,7 @@ fn measured(measure: Measure, look: &ObjectAppearance) -> f64 {
     match measure {
         Measure::Size => of_shape(crate::ShapeMeasures::volume_m3),
         Measure::Height => of_shape(|s| s.height_m),
+        Measure::Top => look.center_in_viewer_m[2] + of_shape(|s| s.height_m) / 2.0,
         Measure::Length => of_shape(|s| s.plan_m[0]),
         Measure::Right => look.center_in_viewer_m[0],
         Measure::Away => look.center_in_viewer_m[1],
@@ -109,6 +125,7 @@ fn clearly(measure: Measure, a: f64, b: f64) -> bool {
     match measure {
         Measure::Size => by_factor(CLEARLY_LARGER),
         Measure::Height | Measure::Length => by_factor(CLEARLY_HIGHER) || (a - b).abs() >= CLEARLY_HIGHER_M,
+        Measure::Top => (a - b).abs() >= CLEARLY_HIGHER_M,
         Measure::Right | Measure::Away => (a - b).abs() >= CLEARLY_M,
     }
 }
