@@ -7,7 +7,7 @@ use crate::description::{AnchorPhrase, Clause, Description, Head, SentenceReadin
 use crate::grade::Grade;
 use crate::look::ObjectAppearance;
 use crate::refused::{Reason, RefusedSentence};
-use crate::selection::{best, by_build, by_distance, fitting, may_be_called, picked};
+use crate::selection::{best, by_build, by_distance, fitting, may_be_called, picked_by_all};
 use crate::{ResolvedPhrase, Understood};
 
 /// How far on the right side of an anchor's middle an object must be for "that is left of it" where the rule does not hold, metres.
@@ -296,9 +296,7 @@ impl<'a> Resolver<'a> {
         for word in &description.shapes {
             found = by_build(*word, &found);
         }
-        for pick in &description.picks {
-            found = picked(*pick, &found);
-        }
+        found = picked_by_all(&description.picks, &found);
         if let Some(distance) = &description.distance {
             let to = self.one(&distance.to, &mut Said { noun: said.noun, ..Said::default() })?;
             said.anchors.push(to.id);

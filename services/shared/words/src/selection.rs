@@ -61,8 +61,37 @@ pub fn by_build<'a>(word: ShapeWord, among: &[&'a ObjectAppearance]) -> Vec<&'a 
     if sure.is_empty() { picked(Pick { measure: Measure::Height, least, rank: Some(1), telling: Telling::Always }, among) } else { sure }
 }
 
+/// The object that comparisons pick, one after another. The first may leave one object, which compared with nothing but itself is the foremost in
+/// all else: it must be on the side of the others that each names. Where it is not, "the front left mug" may be the frontmost or the leftmost one.
+pub fn picked_by_all<'a>(picks: &[Pick], among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
+    let mut found = among.to_vec();
+    for pick in picks {
+        let next = match found[..] {
+            [alone] if among.len() > 1 => {
+                let others = picked(*pick, among);
+                let is_picked = others.iter().any(|look| look.id == alone.id) || is_on_side(*pick, alone, among);
+                if !is_picked && !others.is_empty() {
+                    return std::iter::once(alone).chain(others).collect();
+                }
+                if others.is_empty() { others } else { vec![alone] }
+            }
+            _ => picked(*pick, &found),
+        };
+        found = next;
+    }
+    found
+}
+
+/// Whether an object is on the side of the middle of some that a comparison names.
+fn is_on_side(pick: Pick, look: &ObjectAppearance, among: &[&ObjectAppearance]) -> bool {
+    let values = among.iter().map(|other| measured(pick.measure, other));
+    let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
+    let beyond = measured(pick.measure, look) - (low + high) / 2.0;
+    pick.rank == Some(1) && if pick.least { beyond <= 0.0 } else { beyond >= 0.0 }
+}
+
 /// The object that a comparison picks; those that are too much alike to be told apart where it is not clear; none past the last.
-pub fn picked<'a>(pick: Pick, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
+fn picked<'a>(pick: Pick, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
     let found = by_measure(pick, among);
     if pick.measure != Measure::Top {
         return found;
