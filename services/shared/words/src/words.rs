@@ -41,8 +41,8 @@ pub fn words_of(sentence: &str) -> Vec<String> {
                     '#' => words.push("number".to_owned()),
                     // An end inside the text separates clauses too.
                     '.' | '!' | '?' => words.push(",".to_owned()),
-                    // Signs that mean something which the vocabulary does not know: an aside, a choice, "and".
-                    '(' | '[' | '/' | '&' | '+' => words.push(c.to_string()),
+                    // Signs that mean something which the vocabulary does not know: an aside, a choice, "and", "not".
+                    '(' | '[' | '{' | '/' | '\\' | '|' | '&' | '+' | '~' | '¬' => words.push(c.to_string()),
                     _ => {}
                 }
             }
