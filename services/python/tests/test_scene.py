@@ -99,12 +99,25 @@ class ByDlpack:
         memoryview,
         np.asfortranarray,
         lambda a: a.astype(a.dtype.newbyteorder(">")),
+        np.ma.asarray,
     ],
-    ids=["array_interface", "array", "dlpack", "buffer", "fortran", "big_endian"],
+    ids=["array_interface", "array", "dlpack", "buffer", "fortran", "big_endian", "unmasked"],
 )
 def test_arrays_of_other_libraries_are_taken(view, scene, wrapped):
     taken = view.scene(depth=wrapped(view.depth.copy()), color=wrapped(view.color.copy()), labels=wrapped(view.labels.copy()))
     assert taken.id == scene.id
+
+
+@pytest.mark.parametrize("name", ["depth", "labels", "world_from_camera"])
+def test_values_that_a_mask_hides_are_not_taken_for_readings(view, name):
+    masked = np.ma.masked_array(getattr(view, name), mask=True)
+    with pytest.raises(repose.InvalidArgument) as refused:
+        view.scene(**{name: masked})
+    assert refused.value.field == name
+
+
+def test_a_camera_matrix_may_be_of_the_class_matrix(view, scene):
+    assert view.scene(K=np.matrix(view.camera_matrix)).id == scene.id
 
 
 def test_a_tensor_on_another_device_is_refused_by_name(view):

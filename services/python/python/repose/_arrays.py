@@ -17,8 +17,13 @@ MAX_COUNT = 65535
 
 def as_array(value: Any, name: str) -> NDArray[Any]:
     """Take an array through NumPy's protocols, or else through DLPack."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise InvalidArgument(
+            "expected an array without a mask, whose hidden values would count: fill it, a depth with 0 for no reading", name
+        )
     if isinstance(value, np.ndarray):
-        return value
+        # A plain one: those of a class of their own, such as matrices, have shapes of their own.
+        return np.asarray(value)
     if not hasattr(value, "__array__") and not hasattr(value, "__array_interface__") and hasattr(value, "__dlpack__"):
         try:
             return np.from_dlpack(value)

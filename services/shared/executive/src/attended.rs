@@ -15,21 +15,28 @@ pub(crate) struct Attended<S> {
     site: S,
     /// Who commanded the robot last, when this run knew it last; a reset, too, is a command, of a new owner. None where the robot did not say.
     known: Option<Option<Owner>>,
+    /// Whether this run has commanded the robot. Then whatever it does not know of since may have been a person's doing.
+    has_commanded: bool,
 }
 
 impl<S: Site> Attended<S> {
     /// From now on.
     pub(crate) async fn from_now(site: S) -> Self {
         let known = owner(&site).await;
-        Self { site, known }
+        Self { site, known, has_commanded: false }
     }
 
     async fn check(&self) -> Result<(), CallError> {
-        let Some(known) = &self.known else { return Ok(()) };
-        if self.site.state().await?.owner == *known {
-            return Ok(());
-        }
-        let why = "somebody has stopped and reset the robot, or commanded it, since the last move: a person decides how it goes on";
+        let why = match &self.known {
+            None if !self.has_commanded => return Ok(()),
+            None => "the robot told no state after the last move, and may have been somebody else's since: a person decides how it goes on",
+            Some(known) => {
+                if self.site.state().await?.owner == *known {
+                    return Ok(());
+                }
+                "somebody has stopped and reset the robot, or commanded it, since the last move: a person decides how it goes on"
+            }
+        };
         Err(CallError::precondition(why).at("robot"))
     }
 }
@@ -76,6 +83,7 @@ impl<S: Site> Site for Attended<S> {
         self.check().await?;
         let answer = self.site.moving(method, payload, plan).await;
         // Also after an error: the robot may have been commanded all the same.
+        self.has_commanded = true;
         self.known = owner(&self.site).await;
         answer
     }
@@ -95,6 +103,7 @@ impl<S: Site> Site for Attended<S> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
     use std::sync::{Arc, Mutex, PoisonError};
 
     use repose_proto::motion::RecoveryMove;
@@ -109,6 +118,14 @@ mod tests {
     struct Counted {
         caller: Caller,
         commands: Arc<Mutex<u64>>,
+        is_silent: Arc<AtomicBool>,
+    }
+
+    impl Counted {
+        async fn new(session: &Session) -> Self {
+            let caller = session.caller(Service::Motion).await.expect("a caller");
+            Self { caller, commands: Arc::default(), is_silent: Arc::default() }
+        }
     }
 
     impl Site for Counted {
@@ -141,6 +158,9 @@ mod tests {
         }
 
         async fn state(&self) -> Result<RobotState, CallError> {
+            if self.is_silent.load(Ordering::Relaxed) {
+                return Err(CallError::new(ErrorCode::Unavailable, "the robot does not tell its state"));
+            }
             let epoch = *self.commands.lock().unwrap_or_else(PoisonError::into_inner);
             let owner = (epoch > 0).then(|| json!({"id": "motion", "epoch": epoch}));
             let still = [0.0; 7];
@@ -158,8 +178,8 @@ mod tests {
     #[tokio::test(flavor = "multi_thread")]
     async fn a_robot_that_a_person_has_reset_between_two_moves_is_not_moved_on() {
         let session = Session::embedded().await.expect("a session");
-        let commands = Arc::new(Mutex::new(0));
-        let counted = Counted { caller: session.caller(Service::Motion).await.expect("a caller"), commands: commands.clone() };
+        let counted = Counted::new(&session).await;
+        let commands = counted.commands.clone();
         let mut site = Attended::from_now(counted).await;
         let mut moving = async || {
             let payload = recovery("panda", RecoveryMove::Open, None).expect("a payload");
@@ -173,5 +193,24 @@ mod tests {
         let refused = moving().await;
         assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::FailedPrecondition, Some("robot")), "{refused}");
         assert_eq!(*commands.lock().expect("the commands"), 3, "nothing has moved");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_robot_that_told_nothing_after_a_move_is_not_moved_on() {
+        let session = Session::embedded().await.expect("a session");
+        let counted = Counted::new(&session).await;
+        let (commands, is_silent) = (counted.commands.clone(), counted.is_silent.clone());
+        is_silent.store(true, Ordering::Relaxed);
+        let mut site = Attended::from_now(counted).await;
+        let mut moving = async || {
+            let payload = recovery("panda", RecoveryMove::Open, None).expect("a payload");
+            site.moving("recover", payload, None).await.expect_err("it says that it has moved")
+        };
+        assert_eq!(moving().await.code, ErrorCode::Internal, "before its first move there is nothing that went on");
+        // Whoever was at it meanwhile, this run has not seen whether the robot was its own before.
+        is_silent.store(false, Ordering::Relaxed);
+        let refused = moving().await;
+        assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::FailedPrecondition, Some("robot")), "{refused}");
+        assert_eq!(*commands.lock().expect("the commands"), 1, "nothing has moved");
     }
 }

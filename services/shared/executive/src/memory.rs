@@ -19,14 +19,19 @@ impl GoalMemory {
         Self { goals: goals.to_vec(), held: BTreeSet::new() }
     }
 
-    /// Which objects' goals hold on a new view; none where that cannot be seen.
-    pub fn look(&mut self, holds: &BTreeMap<u16, Option<bool>>) {
+    /// Which objects' goals hold on a new view; none where that cannot be seen. There what was seen before says nothing any more where something
+    /// that the goal is about is `disturbed`, other than hidden: pushed aside, say, while the rest was out of sight.
+    pub fn look(&mut self, holds: &BTreeMap<u16, Option<bool>>, disturbed: &BTreeMap<u16, Fate>) {
+        let is_moved = |object: u16| disturbed.get(&object).is_some_and(|fate| *fate != Fate::Hidden);
         for (object, holds) in holds {
             match holds {
                 Some(true) => drop(self.held.insert(*object)),
                 Some(false) => drop(self.held.remove(object)),
                 None => {}
             }
+        }
+        for goal in self.goals.iter().filter(|goal| holds.get(&goal.object) == Some(&None) && about(goal).any(is_moved)) {
+            self.held.remove(&goal.object);
         }
     }
 
@@ -85,18 +90,22 @@ mod tests {
         let goals = [goal(2, 1), goal(3, 1)];
         let mut followed = Followed::of(&scene(true));
         let mut memory = GoalMemory::of(&goals);
-        memory.look(&BTreeMap::from([(2, Some(true)), (3, Some(false))]));
+        let undisturbed = BTreeMap::new();
+        memory.look(&BTreeMap::from([(2, Some(true)), (3, Some(false))]), &undisturbed);
         assert!(!memory.misses(&followed) && memory.remembered(&followed).is_empty(), "all of it is seen");
         followed.look_again(&scene(false));
-        memory.look(&BTreeMap::from([(2, None), (3, Some(false))]));
+        memory.look(&BTreeMap::from([(2, None), (3, Some(false))]), &BTreeMap::from([(2, Fate::Hidden)]));
         assert!(memory.misses(&followed));
         assert_eq!(memory.remembered(&followed), [2].into());
         let mut of_moved_anchor = memory.clone();
         of_moved_anchor.carried(1);
         assert!(of_moved_anchor.remembered(&followed).is_empty(), "its anchor was carried");
+        let mut of_pushed_anchor = memory.clone();
+        of_pushed_anchor.look(&BTreeMap::from([(2, None)]), &BTreeMap::from([(1, Fate::Moved { by_m: 0.1 }), (2, Fate::Hidden)]));
+        assert!(of_pushed_anchor.remembered(&followed).is_empty(), "its anchor was pushed aside");
         memory.carried(3);
         assert_eq!(memory.remembered(&followed), [2].into(), "it is not about that one");
-        memory.look(&BTreeMap::from([(2, Some(false))]));
+        memory.look(&BTreeMap::from([(2, Some(false))]), &undisturbed);
         assert!(memory.remembered(&followed).is_empty(), "it was seen not to hold");
     }
 }

@@ -11,7 +11,7 @@ use repose_proto::{CallError, GoalTerm, ObjectSummary, Scene};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::known::Known;
+use crate::known::{Known, edges_of};
 use crate::picture::{DepthComparison, DepthPicture};
 
 /// Points of an object that are looked at.
@@ -224,12 +224,6 @@ fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
 fn points_of(scene: &Scene, id: u16) -> Vec<Point3<f64>> {
     let all: Vec<Point3<f64>> = scene.points_of(id).map(|p| Point3::from(p).cast()).collect();
     all.iter().step_by(all.len().div_ceil(POINTS).max(1)).copied().collect()
-}
-
-fn edges_of(object: &ObjectSummary) -> [f64; 3] {
-    let mut edges = object.extent_m;
-    edges.sort_by(f64::total_cmp);
-    edges
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Which object is which when a camera numbers them anew: told by where they are.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Isometry3, Point3};
 use repose_proto::{CallError, GoalTerm, ObjectSummary};
@@ -9,17 +9,22 @@ use repose_proto::{CallError, GoalTerm, ObjectSummary};
 const SAME_M: f64 = 0.08;
 /// The same for one that was lost on its way, metres.
 const LOST_M: f64 = 0.25;
+/// By how much more one object's edges must differ from what is seen than another's, so that it is sooner the other, metres.
+const SOONER_M: f64 = 0.01;
 
 /// The objects of the first view, and where each is in the newest.
 pub struct Known {
     /// By the id of the first view: the id in the newest one (none when it was not found again), and its centroid.
     pub(crate) now: BTreeMap<u16, (Option<u16>, Point3<f64>)>,
+    /// By the id of the first view: the edge lengths that it had there.
+    edges_m: BTreeMap<u16, [f64; 3]>,
 }
 
 impl Known {
     /// The objects of a first view.
     pub fn of(objects: &[ObjectSummary]) -> Self {
-        Self { now: objects.iter().map(|o| (o.id, (Some(o.id), Point3::from(o.centroid_m)))).collect() }
+        let now = objects.iter().map(|o| (o.id, (Some(o.id), Point3::from(o.centroid_m)))).collect();
+        Self { now, edges_m: objects.iter().map(|o| (o.id, edges_of(o))).collect() }
     }
 
     /// A goal in the ids of the newest view. `field` names it in errors, as `{field}.query` and `{field}.goal[i].anchor`.
@@ -59,22 +64,11 @@ impl Known {
         }
     }
 
-    /// Who is who in a new view. Nearest pairs first.
+    /// Who is who in a new view, each at most so far from where it was to be. Nearest pairs first.
     pub fn look_again(&mut self, objects: &[ObjectSummary]) {
-        self.matched(objects, |_| SAME_M);
-    }
-
-    /// Who is who in a new view, after an object (first view's id) was lost or fell: it may be some way off.
-    pub fn look_for_lost(&mut self, lost: u16, objects: &[ObjectSummary]) {
-        self.matched(objects, |id| if id == lost { LOST_M } else { SAME_M });
-    }
-
-    /// Who is who in a new view, each at most so far from where it was to be.
-    fn matched(&mut self, objects: &[ObjectSummary], within_m: impl Fn(u16) -> f64) {
         let mut pairs: Vec<(f64, u16, usize)> = Vec::new();
         for (id, (_, expected)) in &self.now {
-            let distance = |o: &ObjectSummary| (Point3::from(o.centroid_m) - expected).norm();
-            pairs.extend(objects.iter().enumerate().map(|(k, o)| (distance(o), *id, k)).filter(|p| p.0 <= within_m(*id)));
+            pairs.extend(objects.iter().enumerate().map(|(k, o)| (distance_m(o, expected), *id, k)).filter(|p| p.0 <= SAME_M));
         }
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         let mut taken = vec![false; objects.len()];
@@ -92,6 +86,39 @@ impl Known {
             }
         }
     }
+
+    /// Who is who in a new view, after an object (first view's id) was lost or fell: it may be some way off, among the objects that nobody is.
+    pub fn look_for_lost(&mut self, lost: u16, objects: &[ObjectSummary]) {
+        self.look_again(objects);
+        let Some((None, expected)) = self.now.get(&lost) else { return };
+        let taken: BTreeSet<u16> = self.now.values().filter_map(|(now, _)| *now).collect();
+        let nobody = objects.iter().filter(|o| !taken.contains(&o.id) && !self.is_sooner_another(lost, o));
+        let near = nobody.map(|o| (distance_m(o, expected), o)).filter(|(away_m, _)| *away_m <= LOST_M);
+        if let Some((_, found)) = near.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.id.cmp(&b.1.id))) {
+            self.is_now(lost, found);
+        }
+    }
+
+    /// Whether what is seen is sooner another object that is not found again than the lost one, by its size: what goes lost may push others aside.
+    fn is_sooner_another(&self, lost: u16, seen: &ObjectSummary) -> bool {
+        let differs_m = |id: u16| {
+            let edges_m = self.edges_m.get(&id).copied().unwrap_or_default();
+            edges_m.iter().zip(edges_of(seen)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        };
+        let mut pushed = self.now.iter().filter(|(id, (now, was))| **id != lost && now.is_none() && distance_m(seen, was) <= LOST_M);
+        pushed.any(|(id, _)| differs_m(*id) + SOONER_M < differs_m(lost))
+    }
+}
+
+/// An object's edge lengths in ascending order.
+pub(crate) fn edges_of(object: &ObjectSummary) -> [f64; 3] {
+    let mut edges = object.extent_m;
+    edges.sort_by(f64::total_cmp);
+    edges
+}
+
+fn distance_m(object: &ObjectSummary, place: &Point3<f64>) -> f64 {
+    (Point3::from(object.centroid_m) - place).norm()
 }
 
 #[cfg(test)]
@@ -120,5 +147,23 @@ mod tests {
         // A lost one may be some way off, and takes nobody else's place.
         known.look_for_lost(3, &[seen(7, [0.0, 0.2, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(1, [0.31, 0.0, 0.0])]);
         assert_eq!(known.translated("goals[1]", 3, &near(2)).expect("it is found").0, 7);
+    }
+
+    #[test]
+    fn what_a_lost_object_has_pushed_aside_is_not_taken_for_it() {
+        let sized = |id: u16, x_m: f64, edge_m: f64| ObjectSummary { extent_m: [edge_m; 3], ..seen(id, [x_m, 0.0, 0.0]) };
+        // 1 rolled off the table, and pushed 2 by 10 cm.
+        let first = [sized(1, 0.0, 0.06), sized(2, 0.1, 0.1)];
+        let mut known = Known::of(&first);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.1)]);
+        assert_eq!((known.now(1), known.now(2)), (None, None), "2 was pushed farther than it is looked for");
+        // Here it was 1 that rolled as far, and 2 is hidden.
+        let mut known = Known::of(&first);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.06)]);
+        assert_eq!((known.now(1), known.now(2)), (Some(5), None));
+        // Those that are as large may be either: the lost one is.
+        let mut known = Known::of(&[sized(1, 0.0, 0.06), sized(2, 0.1, 0.06)]);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.061)]);
+        assert_eq!((known.now(1), known.now(2)), (Some(5), None));
     }
 }

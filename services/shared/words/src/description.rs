@@ -34,8 +34,10 @@ pub enum ShapeWord {
 pub enum Measure {
     /// Volume.
     Size,
-    /// Height.
+    /// Its own height.
     Height,
+    /// How high its top is: as its own height, unless it stands on something.
+    Top,
     /// Longest horizontal edge.
     Length,
     /// The viewer's x.
@@ -123,6 +125,12 @@ impl Description {
             distance.telling = Telling::Always;
             distance.to.close();
         }
+    }
+
+    /// Whether words of it compare the object with others.
+    pub fn compares(&self) -> bool {
+        let is_compared = |word: &ShapeWord| matches!(word, ShapeWord::Tall | ShapeWord::Flat);
+        !self.picks.is_empty() || self.distance.is_some() || self.shapes.iter().any(is_compared)
     }
 
     /// Has no clause describe the object that is not needed to tell it.

@@ -7,7 +7,7 @@ use crate::description::{AnchorPhrase, Clause, Description, Head, SentenceReadin
 use crate::grade::Grade;
 use crate::look::ObjectAppearance;
 use crate::refused::{Reason, RefusedSentence};
-use crate::selection::{best, by_build, by_distance, fitting, may_be_called, picked};
+use crate::selection::{best, by_build, by_distance, fitting, may_be_called, picked_by_all};
 use crate::{ResolvedPhrase, Understood};
 
 /// How far on the right side of an anchor's middle an object must be for "that is left of it" where the rule does not hold, metres.
@@ -128,7 +128,7 @@ impl<'a> Resolver<'a> {
         let query = self.moved(reading, &mut said)?;
         said.moved = Some(query);
         let mut taken = vec![ResolvedPhrase { phrase: self.phrase(&reading.query), object: query }];
-        let mut goal: Vec<GoalTerm> = Vec::new();
+        let (mut goal, mut denied_together): (Vec<GoalTerm>, Vec<Vec<GoalTerm>>) = (Vec::new(), Vec::new());
         let mut of_anchor: Option<Understood> = None;
         for term in &reading.terms {
             let anchor_before = said.anchors.last().copied();
@@ -147,6 +147,11 @@ impl<'a> Resolver<'a> {
             for (relation, holds) in term.relations.iter().flat_map(|(all, holds)| all.iter().map(|r| (*r, *holds))) {
                 asked.extend(anchors.iter().map(|anchor| GoalTerm { relation, anchor: *anchor, holds }));
             }
+            for (all, _) in term.relations.iter().filter(|(all, holds)| !holds && all.len() > 1) {
+                let denied =
+                    |anchor: &u16| all.iter().map(|r| GoalTerm { relation: *r, anchor: *anchor, holds: false }).collect::<Vec<_>>();
+                denied_together.extend(anchors.iter().map(denied));
+            }
             if let Some(query) = anchor_before.filter(|_| term.of_anchor) {
                 of_anchor = Some(Understood { query, goal: asked.clone(), taken: Vec::new() });
             }
@@ -157,6 +162,7 @@ impl<'a> Resolver<'a> {
             }
             said.anchors.extend(anchors);
         }
+        leave_what_is_asked(&mut goal, &denied_together);
         let understood = Understood { query, goal, taken };
         match of_anchor {
             None => Ok(understood),
@@ -263,6 +269,24 @@ impl<'a> Resolver<'a> {
         if self.places_follow {
             self.needed(description, head, among, said)?;
         }
+        let mut found = self.compared(description, head, among, said)?;
+        if description.number.is_some() && !found.is_empty() && description.compares() {
+            // Compared with nothing but itself, any object is the largest. Where without the number another one is meant, one of the two is a slip.
+            let unnumbered = Description { number: None, ..description.clone() };
+            let meant = self.compared(&unnumbered, head, among, &mut said.clone())?;
+            found.retain(|look| meant.is_empty() || meant.iter().any(|other| other.id == look.id));
+        }
+        Ok(found)
+    }
+
+    /// The objects that are left of those that fit when clauses and comparisons have been applied.
+    fn compared(
+        &self,
+        description: &Description,
+        head: Option<Head>,
+        among: &[&'a ObjectAppearance],
+        said: &mut Said,
+    ) -> Result<Vec<&'a ObjectAppearance>, Problem> {
         let mut found = fitting(description, head, among);
         for clause in &description.clauses {
             let anchor = self.one(&clause.anchor, &mut Said { noun: said.noun, ..Said::default() })?;
@@ -272,9 +296,7 @@ impl<'a> Resolver<'a> {
         for word in &description.shapes {
             found = by_build(*word, &found);
         }
-        for pick in &description.picks {
-            found = picked(*pick, &found);
-        }
+        found = picked_by_all(&description.picks, &found);
         if let Some(distance) = &description.distance {
             let to = self.one(&distance.to, &mut Said { noun: said.noun, ..Said::default() })?;
             said.anchors.push(to.id);
@@ -324,6 +346,18 @@ impl<'a> Resolver<'a> {
 
     fn phrase(&self, description: &Description) -> String {
         self.words[description.span.0..description.span.1].join(" ")
+    }
+}
+
+/// "On the plate but not in the middle of it" denies the middle alone, though that is on the plate, too: of relations that are denied together those
+/// hold that the sentence asks for, so the others are denied.
+fn leave_what_is_asked(goal: &mut Vec<GoalTerm>, denied_together: &[Vec<GoalTerm>]) {
+    for denied in denied_together {
+        let is_asked = |term: &GoalTerm| goal.contains(&GoalTerm { holds: true, ..*term });
+        let (asked, others): (Vec<GoalTerm>, Vec<GoalTerm>) = denied.iter().copied().partition(is_asked);
+        if !others.is_empty() {
+            goal.retain(|term| !asked.contains(term));
+        }
     }
 }
 

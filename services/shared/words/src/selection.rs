@@ -61,8 +61,52 @@ pub fn by_build<'a>(word: ShapeWord, among: &[&'a ObjectAppearance]) -> Vec<&'a 
     if sure.is_empty() { picked(Pick { measure: Measure::Height, least, rank: Some(1), telling: Telling::Always }, among) } else { sure }
 }
 
+/// The object that comparisons pick, one after another. The first may leave one object, which compared with nothing but itself is the foremost in
+/// all else: it must be on the side of the others that each names. Where it is not, "the front left mug" may be the frontmost or the leftmost one.
+pub fn picked_by_all<'a>(picks: &[Pick], among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
+    let mut found = among.to_vec();
+    for pick in picks {
+        let next = match found[..] {
+            [alone] if among.len() > 1 => {
+                let others = picked(*pick, among);
+                let is_picked = others.iter().any(|look| look.id == alone.id) || is_on_side(*pick, alone, among);
+                if !is_picked && !others.is_empty() {
+                    return std::iter::once(alone).chain(others).collect();
+                }
+                if others.is_empty() { others } else { vec![alone] }
+            }
+            _ => picked(*pick, &found),
+        };
+        found = next;
+    }
+    found
+}
+
+/// Whether an object is on the side of the middle of some that a comparison names.
+fn is_on_side(pick: Pick, look: &ObjectAppearance, among: &[&ObjectAppearance]) -> bool {
+    let values = among.iter().map(|other| measured(pick.measure, other));
+    let [low, high] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
+    let beyond = measured(pick.measure, look) - (low + high) / 2.0;
+    pick.rank == Some(1) && if pick.least { beyond <= 0.0 } else { beyond >= 0.0 }
+}
+
 /// The object that a comparison picks; those that are too much alike to be told apart where it is not clear; none past the last.
-pub fn picked<'a>(pick: Pick, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
+fn picked<'a>(pick: Pick, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
+    let found = by_measure(pick, among);
+    if pick.measure != Measure::Top {
+        return found;
+    }
+    // "The lower box" is the one that is less high, or the one below. Where those differ, either may be meant.
+    let mut by_height = by_measure(Pick { measure: Measure::Height, ..pick }, among);
+    let is_in = |look: &ObjectAppearance, looks: &[&ObjectAppearance]| looks.iter().any(|other| other.id == look.id);
+    if !by_height.iter().all(|look| is_in(look, &found)) {
+        let others: Vec<&ObjectAppearance> = found.into_iter().filter(|look| !is_in(look, &by_height)).collect();
+        by_height.extend(others);
+    }
+    by_height
+}
+
+fn by_measure<'a>(pick: Pick, among: &[&'a ObjectAppearance]) -> Vec<&'a ObjectAppearance> {
     let rank = match pick.rank {
         Some(rank) => rank,
         // The one in the middle has as many on either side.
@@ -98,6 +142,7 @@ fn measured(measure: Measure, look: &ObjectAppearance) -> f64 {
     match measure {
         Measure::Size => of_shape(crate::ShapeMeasures::volume_m3),
         Measure::Height => of_shape(|s| s.height_m),
+        Measure::Top => look.center_in_viewer_m[2] + of_shape(|s| s.height_m) / 2.0,
         Measure::Length => of_shape(|s| s.plan_m[0]),
         Measure::Right => look.center_in_viewer_m[0],
         Measure::Away => look.center_in_viewer_m[1],
@@ -109,6 +154,7 @@ fn clearly(measure: Measure, a: f64, b: f64) -> bool {
     match measure {
         Measure::Size => by_factor(CLEARLY_LARGER),
         Measure::Height | Measure::Length => by_factor(CLEARLY_HIGHER) || (a - b).abs() >= CLEARLY_HIGHER_M,
+        Measure::Top => (a - b).abs() >= CLEARLY_HIGHER_M,
         Measure::Right | Measure::Away => (a - b).abs() >= CLEARLY_M,
     }
 }

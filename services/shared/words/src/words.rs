@@ -2,6 +2,8 @@
 
 /// Words that change nothing.
 const EMPTY: [&str; 8] = ["please", "kindly", "just", "somewhere", "down", "directly", "now", "thanks"];
+/// Those of them that after "not" take back less than "not" alone: "not just near the bowl" may be near it, "not directly behind it" behind it.
+const NARROWED: [&str; 2] = ["just", "directly"];
 /// What people write in one word and the vocabulary has in two, and contractions.
 const SPELLED: [(&str, &str); 17] = [
     ("dont", "do not"),
@@ -39,8 +41,8 @@ pub fn words_of(sentence: &str) -> Vec<String> {
                     '#' => words.push("number".to_owned()),
                     // An end inside the text separates clauses too.
                     '.' | '!' | '?' => words.push(",".to_owned()),
-                    // Signs that mean something which the vocabulary does not know: an aside, a choice, "and".
-                    '(' | '[' | '/' | '&' | '+' => words.push(c.to_string()),
+                    // Signs that mean something which the vocabulary does not know: an aside, a choice, "and", "not".
+                    '(' | '[' | '{' | '/' | '\\' | '|' | '&' | '+' | '~' | '¬' => words.push(c.to_string()),
                     _ => {}
                 }
             }
@@ -54,7 +56,8 @@ pub fn words_of(sentence: &str) -> Vec<String> {
 }
 
 fn push(words: &mut Vec<String>, word: &str) {
-    if word.is_empty() || EMPTY.contains(&word) {
+    let is_narrowed = NARROWED.contains(&word) && words.last().is_some_and(|before| before == "not");
+    if word.is_empty() || (EMPTY.contains(&word) && !is_narrowed) {
         return;
     }
     match SPELLED.iter().find(|(short, _)| *short == word) {
@@ -72,6 +75,7 @@ mod tests {
         let words = words_of("Please, don't put the left-most mug near #3 … the box!");
         assert_eq!(words.join(" "), ", do not put the left most mug near number 3 the box");
         assert_eq!(words_of("the mug (that's red)").join(" "), "the mug ( that is red", "an aside is not a part of the sentence");
+        assert_eq!(words_of("just left, don't just turn, not directly on").join(" "), "left , do not just turn , not directly on");
         assert_eq!(words_of(" \u{0} "), Vec::<String>::new());
     }
 }

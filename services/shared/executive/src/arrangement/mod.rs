@@ -229,7 +229,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     fn look(&mut self) {
         self.followed.look_again(&self.view.1);
         let holds = self.holds();
-        self.memory.look(&holds);
+        self.memory.look(&holds, &self.followed.disturbed());
         if let Some(step) = self.steps.last_mut() {
             step.tried.fates = Some(self.followed.disturbed());
         }

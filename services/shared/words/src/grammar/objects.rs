@@ -42,7 +42,10 @@ impl Text<'_> {
         for (shape, end) in self.any(at, v::SHAPES) {
             longer(&Description { shapes: with(&so_far.shapes, shape), ..so_far.clone() }, end);
         }
-        for ((measure, least), end) in self.any(at, v::PICKS) {
+        let picks = self.any(at, v::PICKS);
+        // "Farthest right" is no comparison by how far away and another by how far right; "farthest right of the box" is one and a place.
+        let longest = picks.iter().map(|(_, end)| *end).max().filter(|end| self.one_of(*end, v::SIDE).is_empty());
+        for ((measure, least), end) in picks.into_iter().filter(|(_, end)| longest.is_none_or(|longest| *end == longest)) {
             let pick = Pick { measure, least, rank: Some(so_far.ordinal.unwrap_or(1)), telling: Telling::Always };
             longer(&Description { picks: with(&so_far.picks, pick), ordinal: None, ..so_far.clone() }, end);
         }
