@@ -349,7 +349,7 @@ impl Viewer {
         let (Some(planned), Some(cell)) = (planned, cell) else {
             return Err(CallError::not_found("plan", "this plan is not at hand; plan again"));
         };
-        let reply: ExecuteReply = execute(&cell, &planned.plan).await?.payload.decode_json()?;
+        let reply: ExecuteReply = execute(&cell, planned.id.clone(), &planned.plan).await?.payload.decode_json()?;
         let is_done = reply.outcome == ExecutionOutcome::Done;
         if let Some(camera) = camera {
             let site = PageSite::of(cell, camera, planned.plan.robot.clone(), self.deadline());

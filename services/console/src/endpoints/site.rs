@@ -90,7 +90,7 @@ impl Site for PageSite {
 
     async fn moving(&mut self, method: &str, payload: Payload, plan: Option<&MotionPlan>) -> Result<Answer, CallError> {
         match plan {
-            Some(plan) => execute(&self.cell, plan).await,
+            Some(plan) => execute(&self.cell, uuid::Uuid::new_v4().to_string(), plan).await,
             None => moving(&self.cell, method, payload, None).await,
         }
     }
