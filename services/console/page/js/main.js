@@ -400,7 +400,8 @@ function robotShown(shown) {
 
 /** Shows the chosen robot as it was last heard of. */
 function chosenShown() {
-  const shown = robots.get(robot), isStopped = !!shown?.state.stop, button = byId("stop");
+  // A robot that has fallen silent may have been switched off and on since: its stop is none that anybody knows of now.
+  const shown = robots.get(robot), isStopped = !!shown?.state.stop && !isStale(shown.heardAt), button = byId("stop");
   motion.robot(shown);
   button.classList.toggle("latched", isStopped);
   button.textContent = isStopped ? "Stopped" : "Stop";
@@ -496,4 +497,4 @@ followKeys({
 followTheme(() => picture.mark(goal.marks));
 drawSeen();
 // What comes no longer says nothing by itself.
-setInterval(() => { drawSeen(); motion.aged(); }, 1000);
+setInterval(() => { drawSeen(); chosenShown(); }, 1000);
