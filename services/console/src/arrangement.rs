@@ -120,7 +120,7 @@ impl ArrangementShown {
         self.ended = true;
     }
 
-    /// An error ended it before anything was tried.
+    /// An error ended it.
     pub fn failed(&mut self, error: CallError) {
         (self.stage, self.error, self.ended) = (GoalStage::Failed, Some(error), true);
         self.to_come.clear();

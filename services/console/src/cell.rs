@@ -165,12 +165,10 @@ impl WatchedCell {
 
     /// Changes what is said to be carried out here, and tells everyone.
     pub fn update(&self, change: impl FnOnce(&mut Activity)) {
-        let activity = {
-            let mut known = locked(&self.shared.known);
-            change(&mut known.activity);
-            known.activity.clone()
-        };
-        self.shared.audience.tell(&Topic::Activity, &ServerMessage::Activity(Box::new(activity)).encode());
+        let mut known = locked(&self.shared.known);
+        change(&mut known.activity);
+        // Told before anybody changes it again: of two who change it at once, the one that came first would else be told last, and stay on the pages.
+        self.shared.audience.tell(&Topic::Activity, &ServerMessage::Activity(Box::new(known.activity.clone())).encode());
     }
 
     /// Begins to carry out something of several moves, unless something is under way.
@@ -210,13 +208,17 @@ impl WatchedCell {
 
     /// Shows everyone a motion that was planned.
     pub fn show_plan(&self, shown: Arc<PlanShown>) {
-        locked(&self.shared.known).plan = Some(shown.plan.clone());
-        self.shared.audience.tell(&Topic::Plan, &ServerMessage::Plan { shown: Some(shown) }.encode());
+        let (plan, message) = (shown.plan.clone(), ServerMessage::Plan { shown: Some(shown) }.encode());
+        let mut known = locked(&self.shared.known);
+        known.plan = Some(plan);
+        // Told before it can be hidden, as in `update`.
+        self.shared.audience.tell(&Topic::Plan, &message);
     }
 
     /// Shows no planned motion any more; with an id, only where it is that one that is shown.
     pub fn hide_plan(&self, id: Option<&str>) {
-        let hidden = locked(&self.shared.known).plan.take_if(|shown| id.is_none_or(|id| shown == id));
+        let mut known = locked(&self.shared.known);
+        let hidden = known.plan.take_if(|shown| id.is_none_or(|id| shown == id));
         if hidden.is_some() {
             self.shared.audience.tell(&Topic::Plan, &ServerMessage::Plan { shown: None }.encode());
         }

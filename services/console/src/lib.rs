@@ -12,6 +12,7 @@ pub mod config;
 pub mod endpoints;
 pub mod messages;
 pub mod page;
+pub mod silence;
 pub mod stage;
 pub mod system;
 pub mod tls;
@@ -105,8 +106,11 @@ impl Console {
         let pages = endpoints::router(self.state, shutdown.clone());
         let ended = async move { shutdown.requested().await };
         match self.tls {
-            None => axum::serve(self.listener, pages).with_graceful_shutdown(ended).await?,
-            Some(acceptor) => axum::serve(tls::Listener::new(self.listener, acceptor)?, pages).with_graceful_shutdown(ended).await?,
+            None => axum::serve(silence::Listener(self.listener), pages).with_graceful_shutdown(ended).await?,
+            Some(acceptor) => {
+                let listener = silence::Listener(tls::Listener::new(self.listener, acceptor)?);
+                axum::serve(listener, pages).with_graceful_shutdown(ended).await?;
+            }
         }
         Ok(())
     }

@@ -355,11 +355,22 @@ impl Activity {
         let sequence = self.sequence.as_ref().filter(|s| !s.ended).map(|_| "a sequence");
         sequence.or_else(|| self.arrangement.as_ref().filter(|a| !a.ended).map(|_| "an arrangement"))
     }
+
+    /// Shows a motion as it is now. One that was only asked for does not take the place of another that is under way, for whose sake it may be
+    /// refused; one that `takes_over` does.
+    pub fn show_execution(&mut self, motion: &ExecutionShown, takes_over: bool) {
+        if takes_over || self.execution.as_ref().is_none_or(|other| other.id == motion.id || other.ended.is_some()) {
+            self.execution = Some(motion.clone());
+        }
+    }
 }
 
 /// A motion under way, or the last one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ExecutionShown {
+    /// Which one it is: several viewers may ask for one at once, and several robots carry one out.
+    #[serde(skip)]
+    pub id: String,
     /// The robot.
     pub robot: String,
     /// The object.
@@ -442,6 +453,35 @@ mod tests {
             Activity { sequence, ..Activity::default() }.under_way()
         };
         assert_eq!((doing(false, false), doing(true, false), doing(true, true)), (Some("a sequence"), Some("a sequence"), None));
+    }
+
+    #[test]
+    fn a_motion_that_is_refused_for_another_leaves_that_one_to_be_seen() {
+        let motion = |id: &str| ExecutionShown {
+            id: id.to_owned(),
+            robot: "panda".to_owned(),
+            query: 1,
+            phases: vec!["approach".to_owned(), "grasp".to_owned()],
+            phase: 0,
+            ended: None,
+            said: Vec::new(),
+        };
+        let mut activity = Activity::default();
+        let seen = |activity: &Activity| activity.execution.as_ref().map(|e| (e.id.clone(), e.phase, e.ended.is_some()));
+        let (mut first, mut second) = (motion("first"), motion("second"));
+        activity.show_execution(&first, false);
+        activity.show_execution(&second, false);
+        second.ended = Some(ExecutionEnded::Error(CallError::precondition("another is under way")));
+        activity.show_execution(&second, false);
+        first.phase = 1;
+        activity.show_execution(&first, false);
+        assert_eq!(seen(&activity), Some(("first".to_owned(), 1, false)), "it still moves");
+        // One that motion has taken is shown, and no other's progress or end is taken for its own.
+        let third = motion("third");
+        activity.show_execution(&third, true);
+        first.ended = Some(ExecutionEnded::Error(CallError::precondition("the first was stopped")));
+        activity.show_execution(&first, false);
+        assert_eq!(seen(&activity), Some(("third".to_owned(), 0, false)));
     }
 
     #[test]

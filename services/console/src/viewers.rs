@@ -6,9 +6,12 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use bytes::Bytes;
+use repose_proto::Bulk;
 use tokio::sync::Notify;
+use tokio::time::Instant;
 
 use crate::view::SceneView;
 
@@ -55,7 +58,31 @@ pub enum ViewerMessage {
     View(Arc<SceneView>),
 }
 
+impl ViewerMessage {
+    /// The same as it is told this much later: with its age, without which it would pass for what was just seen.
+    fn told_late(&self, age: Duration) -> Self {
+        let age_ms = age.as_millis();
+        match self {
+            Self::Text(text) => {
+                let rest = text.strip_prefix('{');
+                rest.map_or_else(|| self.clone(), |rest| Self::Text(format!(r#"{{"age_ms":{age_ms},{rest}"#).into()))
+            }
+            Self::Binary(bytes) => {
+                let Ok(mut bulk) = Bulk::decode(bytes) else { return self.clone() };
+                bulk.metadata.insert("age_ms".to_owned(), age_ms.to_string());
+                Self::Binary(bulk.encode().into())
+            }
+            Self::View(_) => self.clone(),
+        }
+    }
+}
+
 impl Topic {
+    /// Whether viewers take its messages for what is so now.
+    fn is_live(&self) -> bool {
+        matches!(self, Self::Picture | Self::Robot(_))
+    }
+
     /// Whether its messages are of the cell that the viewer looks at.
     pub fn is_of_cell(&self) -> bool {
         match self {
@@ -173,7 +200,7 @@ pub struct Audience {
 #[derive(Default)]
 struct AudienceState {
     viewers: BTreeMap<u64, Arc<Outbox>>,
-    newest: BTreeMap<Topic, ViewerMessage>,
+    newest: BTreeMap<Topic, (Instant, ViewerMessage)>,
 }
 
 impl Audience {
@@ -185,13 +212,15 @@ impl Audience {
     pub fn tell(&self, topic: &Topic, message: &ViewerMessage) {
         let mut told = self.told();
         told.viewers.values().for_each(|outbox| outbox.put(topic.clone(), message.clone()));
-        told.newest.insert(topic.clone(), message.clone());
+        told.newest.insert(topic.clone(), (Instant::now(), message.clone()));
     }
 
-    /// Adds a viewer, who is told the newest of everything.
+    /// Adds a viewer, who is told the newest of everything; what passes for live with its age.
     pub fn join(&self, viewer: u64, outbox: Arc<Outbox>) {
         let mut told = self.told();
-        told.newest.iter().for_each(|(topic, message)| outbox.put(topic.clone(), message.clone()));
+        for (topic, (at, message)) in &told.newest {
+            outbox.put(topic.clone(), if topic.is_live() { message.told_late(at.elapsed()) } else { message.clone() });
+        }
         told.viewers.insert(viewer, outbox);
     }
 
@@ -203,7 +232,10 @@ impl Audience {
 
 #[cfg(test)]
 mod tests {
+    use repose_proto::Payload;
+
     use super::*;
+    use crate::view::{CameraPicture, picture_bytes};
 
     fn text(text: &str) -> ViewerMessage {
         ViewerMessage::Text(text.into())
@@ -310,5 +342,25 @@ mod tests {
         assert_eq!(next(&early).await.as_deref(), Some("scene 2"));
         early.close();
         assert_eq!(next(&early).await, None);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn whoever_joins_long_after_the_last_picture_and_state_is_told_how_old_they_are() {
+        let (audience, early, late) = (Audience::default(), Arc::new(Outbox::default()), Arc::new(Outbox::default()));
+        let frame = Payload { encoding: String::new(), bytes: Bytes::new() };
+        let picture = picture_bytes("front", &CameraPicture { stamp_ns: 7, jpeg: vec![1, 2, 3].into(), frame });
+        audience.join(1, early.clone());
+        audience.tell(&Topic::Picture, &ViewerMessage::Binary(picture));
+        audience.tell(&Topic::Robot("panda".into()), &text(r#"{"kind":"robot"}"#));
+        tokio::time::advance(Duration::from_secs(3600)).await;
+        audience.join(2, late.clone());
+        for (outbox, age) in [(early, None), (late, Some("3600000"))] {
+            let Some(ViewerMessage::Binary(bytes)) = outbox.next().await else { panic!("expected a picture") };
+            let told = Bulk::decode(&bytes).expect("bulk");
+            assert_eq!((told.text("kind"), told.metadata.get("age_ms").map(String::as_str)), (Ok("picture"), age));
+            assert_eq!(told.tensors["jpeg"].bytes, [1, 2, 3]);
+            let robot: serde_json::Value = serde_json::from_str(&next(&outbox).await.expect("a state")).expect("JSON");
+            assert_eq!((&robot["kind"], robot["age_ms"].as_u64()), (&"robot".into(), age.and_then(|age| age.parse::<u64>().ok())));
+        }
     }
 }

@@ -171,6 +171,28 @@ async fn a_plan_that_comes_when_another_cell_is_watched_is_not_to_be_carried_out
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_plan_is_shown_no_more_when_whoever_made_it_looks_at_another_cell() {
+    let ((console, _servers), world, mut planner) = working_cell().await;
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    let mut other = socket(console.address, &[]).await.expect("a socket");
+    for viewer in [&mut planner, &mut other] {
+        ask(viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+        heard(viewer, |m| m["kind"] == "robot").await;
+    }
+    let placements = [[1., 0., 0., 0.1, 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]];
+    let plan = json!({"id": 2, "ask": "plan", "scene_id": scene_id, "robot": "panda", "query": 1, "placements": placements});
+    world.may_answer.notify_one();
+    let planned = answered(&mut planner, plan).await;
+    let id = &planned["result"]["plan"];
+    assert!(id.is_string(), "{planned}");
+    heard(&mut other, |m| m["kind"] == "plan" && m["shown"]["plan"] == *id).await;
+    // The same cell's other camera is no other cell: the plan is still at hand there.
+    answered(&mut planner, json!({"id": 3, "ask": "watch", "cell": "cell", "camera": "side"})).await;
+    answered(&mut planner, json!({"id": 4, "ask": "watch", "cell": "far", "camera": "top"})).await;
+    heard(&mut other, |m| m["kind"] == "plan" && m["shown"].is_null()).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_sequence_that_is_to_end_keeps_its_cell_until_it_has() {
     let (_console, world, mut viewer) = working_cell().await;
     let scene_id = world.sees(WorldFrame::Extrinsics);

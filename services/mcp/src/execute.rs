@@ -11,7 +11,7 @@ use repose_pictures::jpeg_of;
 use repose_pictures::scene::with_numbered_outlines;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::robot::{RobotMode, RobotState};
-use repose_proto::{CallError, Payload};
+use repose_proto::{CallError, ErrorCode, Payload};
 use repose_runtime::{CallOptions, CancellationToken, call_moving};
 use repose_sentences::fate;
 use repose_tracking::{Fate, Followed, changes, holds};
@@ -64,7 +64,7 @@ impl Desk {
     ///
     /// # Errors
     /// `failed_precondition` when this server may not, another motion is under way, the robot is stopped, the scene has changed or the arm cannot
-    /// serve the place any more; `not_found` on `plan`; what the cell says.
+    /// serve the place any more; `not_found` on `plan`; `cancelled`; what the cell says.
     pub async fn execute(&self, asked: &ExecuteArguments, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
         if !self.settings().allow_execute {
             let message = "this server may not carry plans out: a person starts it with --allow-execute where it may";
@@ -72,10 +72,12 @@ impl Desk {
         }
         let plan = self.plans().get(&asked.plan, asker)?;
         let _alone = self.begin_moving()?;
-        let state = self.robot_state().await?;
-        check_free(&self.settings().robot, &state)?;
-        let (seen, followed) = self.unchanged(&plan).await?;
-        let motion = self.motion_plan(&plan, &followed, &seen, &state).await?;
+        // Whoever gives it up before anything moves wants nothing to move: a call that is sent begins, even where its cancel follows at once.
+        let (followed, motion) = tokio::select! {
+            biased;
+            () = cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "given up before anything has moved")),
+            prepared = self.prepared(&plan) => prepared?,
+        };
         // From here on it may have moved something, whatever the answer is.
         self.plans().remove(&plan.id);
         let options = CallOptions { cancel, ..CallOptions::at_most_once(LONGEST) };
@@ -86,6 +88,15 @@ impl Desk {
             Ok(seen) => computed(move || afterwards(&plan, reply, followed, &seen)).await,
             Err(why) => unseen(&plan, reply, &why),
         }
+    }
+
+    /// A motion that carries a plan out, from where the arm stands and on a fresh view, and which object is which in that view.
+    async fn prepared(&self, plan: &Arc<Plan>) -> Result<(Followed, MotionPlan), CallError> {
+        let state = self.robot_state().await?;
+        check_free(&self.settings().robot, &state)?;
+        let (seen, followed) = self.unchanged(plan).await?;
+        let motion = self.motion_plan(plan, &followed, &seen, &state).await?;
+        Ok((followed, motion))
     }
 
     /// A fresh view in which everything is where it was planned with, and which object is which in it.

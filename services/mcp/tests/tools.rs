@@ -204,6 +204,19 @@ async fn while_a_plan_is_carried_out_no_other_is_and_everybody_may_stop() {
     assert_eq!(cell.world.executions(), 1);
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn an_execution_that_is_given_up_while_it_is_prepared_moves_nothing_and_leaves_the_plan() {
+    let cell = start(true).await;
+    let plan = json!({"plan": planned(&cell).await});
+    let given_up = CancellationToken::new();
+    given_up.cancel();
+    let (code, ..) = refused(call(&cell.desk, "execute", plan.clone(), &asker("one"), given_up).await);
+    assert_eq!((code, cell.world.executions()), (ErrorCode::Cancelled, 0));
+    cell.world.may_move.notify_one();
+    let ended = ask(&cell, "execute", plan).await.expect("the plan is still there");
+    assert_eq!((&ended.data["outcome"], cell.world.executions()), (&json!("done"), 1), "{}", ended.text);
+}
+
 /// Posts a message as an agent does over HTTP; the answer is read from what comes back.
 async fn posted(address: SocketAddr, session: Option<&str>, message: Value) -> BufReader<TcpStream> {
     let (body, session) = (message.to_string(), session.map_or_else(String::new, |session| format!("Mcp-Session-Id: {session}\r\n")));

@@ -170,6 +170,12 @@ export class Motion {
   mine(mine) { this.#mine = mine; this.render(); }
 }
 
+/** Whether the steps of a sequence are the goals that were collected here: what somebody else has begun leaves them as they are. */
+export function areOf(steps, goals) {
+  const told = (of) => JSON.stringify(of.map(({ query, goal }) => [query, goal.map(({ relation, anchor, holds }) => [relation, anchor, holds])]));
+  return told(steps) === told(goals);
+}
+
 export class Sequence {
   #goals = []; #running; #fault; #may = false;
 
@@ -198,7 +204,7 @@ export class Sequence {
   running(sequence) {
     const began = sequence && !sequence.ended && (!this.#running || this.#running.ended);
     this.#running = sequence;
-    if (began) this.#goals = [];
+    if (began && areOf(sequence.steps, this.#goals)) this.#goals = [];
     this.render();
   }
 

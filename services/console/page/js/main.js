@@ -1,7 +1,7 @@
 // The page put together: what the console says goes to the parts, what the parts ask goes to the console.
 
 import { Motion, Sequence, recovered } from "./activity.js";
-import { STALE_MS, isStale } from "./age.js";
+import { STALE_MS, instantOf, isStale } from "./age.js";
 import { Arrangement } from "./arrangement.js";
 import { sceneOf } from "./bulk.js";
 import { Connection } from "./connection.js";
@@ -155,8 +155,8 @@ function systemShown(message) {
   picture.waitFor(isGone ? camera : undefined, names, lookThrough);
 }
 
-async function pictureShown({ tensors }) {
-  const heardAt = performance.now();
+async function pictureShown({ metadata, tensors }) {
+  const heardAt = instantOf(metadata);
   if (isHeld) return void (pictureShown.at = heardAt);
   // In the order in which they came: a recording that is played has stamps of before, and two cells have clocks of their own.
   const turn = ++pictureShown.came;
@@ -388,7 +388,7 @@ function heardOfActivity({ execution, sequence: several, arrangement: arranged }
 }
 
 function robotShown(shown) {
-  shown.heardAt = performance.now();
+  shown.heardAt = instantOf(shown);
   robots.set(shown.robot, shown);
   if (!robot || !robots.has(robot)) {
     robot = shown.robot;
@@ -400,7 +400,8 @@ function robotShown(shown) {
 
 /** Shows the chosen robot as it was last heard of. */
 function chosenShown() {
-  const shown = robots.get(robot), isStopped = !!shown?.state.stop, button = byId("stop");
+  // A robot that has fallen silent may have been switched off and on since: its stop is none that anybody knows of now.
+  const shown = robots.get(robot), isStopped = !!shown?.state.stop && !isStale(shown.heardAt), button = byId("stop");
   motion.robot(shown);
   button.classList.toggle("latched", isStopped);
   button.textContent = isStopped ? "Stopped" : "Stop";
@@ -496,4 +497,4 @@ followKeys({
 followTheme(() => picture.mark(goal.marks));
 drawSeen();
 // What comes no longer says nothing by itself.
-setInterval(() => { drawSeen(); motion.aged(); }, 1000);
+setInterval(() => { drawSeen(); chosenShown(); }, 1000);

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use repose_executive::arrangement::{News, bring_about};
+use repose_executive::arrangement::{ArrangementReport, News, bring_about};
 use repose_proto::{ArrangeRequest, CallError, Message as _, Payload, Scene, Service};
 use repose_runtime::CallOptions;
 use repose_tracking::Known;
@@ -55,22 +55,59 @@ pub fn begin(
     cell.begin(|activity| activity.arrangement = Some(shown))?;
     let (deadline, attempts) = (Duration::from_millis(config.request_deadline_ms), config.attempts);
     tokio::spawn(async move {
-        let site = PageSite::of(cell.clone(), camera, robot, deadline).for_arrangement();
-        let told = |news: News<'_>| {
-            cell.update_arrangement(|shown| match news {
-                News::Planned(planned) => shown.planned(planned),
-                News::Tried(step) => shown.tried(step),
-            });
+        let within = cell.clone();
+        let bringing = async move {
+            let site = PageSite::of(within.clone(), camera, robot, deadline).for_arrangement();
+            let told = |news: News<'_>| {
+                within.update_arrangement(|shown| match news {
+                    News::Planned(planned) => shown.planned(planned),
+                    News::Tried(step) => shown.tried(step),
+                });
+            };
+            bring_about(site, Some(&scene), request, attempts, told).await
         };
-        match bring_about(site, Some(&scene), request, attempts, told).await {
-            Ok(told) => cell.update_arrangement(|shown| shown.ended(told)),
-            Err(error) => cell.update_arrangement(|shown| shown.failed(error)),
-        }
+        to_its_end(&cell, bringing).await;
     });
     Ok(Answered::Done {})
+}
+
+/// Waits until goals are brought about, and shows how that ended. In a task of its own, so that it ends whatever happens in it: else the cell would count as
+/// busy with it for ever.
+async fn to_its_end(cell: &WatchedCell, bringing: impl Future<Output = Result<ArrangementReport, CallError>> + Send + 'static) {
+    let lost = |e| Err(CallError::internal(format!("the arrangement was lost: {e}")));
+    match tokio::spawn(bringing).await.unwrap_or_else(lost) {
+        Ok(told) => cell.update_arrangement(|shown| shown.ended(told)),
+        Err(error) => cell.update_arrangement(|shown| shown.failed(error)),
+    }
 }
 
 /// Ends the one that is under way, after the move that it is at.
 pub fn end(cell: &WatchedCell) {
     cell.update_arrangement(|shown| shown.ending = true);
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::ErrorCode;
+    use repose_runtime::Session;
+
+    use super::*;
+
+    async fn faulty() -> Result<ArrangementReport, CallError> {
+        panic!("a fault in what brings it about")
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn an_arrangement_that_is_lost_has_ended_and_leaves_its_cell_to_the_next() {
+        let session = Session::embedded().await.expect("a session");
+        let cell = WatchedCell::follow(&session, "cell", Arc::new(ConsoleConfig::default())).await.expect("a cell");
+        let begin = || cell.begin(|activity| activity.arrangement = Some(ArrangementShown::of(&[])));
+        begin().expect("nothing is under way");
+        assert!(begin().is_err(), "one at a time");
+        to_its_end(&cell, faulty()).await;
+        let mut error = None;
+        cell.update(|activity| error = activity.arrangement.as_ref().and_then(|shown| shown.error.clone()));
+        assert_eq!(error.map(|e| e.code), Some(ErrorCode::Internal));
+        begin().expect("the lost one has ended");
+    }
 }

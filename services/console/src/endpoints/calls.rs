@@ -41,20 +41,24 @@ pub fn shown(plan: &MotionPlan, robot: &RobotState) -> Arc<PlanShown> {
     Arc::new(PlanShown::new(uuid::Uuid::new_v4().to_string(), plan, &world_from_base(robot)))
 }
 
-/// Has a plan carried out, and tells the cell's viewers how far it is. Goes on when whoever asked has left: a robot is stopped by its stop.
-pub async fn execute(cell: &WatchedCell, plan: &MotionPlan) -> Result<Answer, CallError> {
+/// Has a plan carried out, and tells the cell's viewers how far it is, under an `id` of its own. Goes on when whoever asked has left: a robot is
+/// stopped by its stop.
+pub async fn execute(cell: &WatchedCell, id: String, plan: &MotionPlan) -> Result<Answer, CallError> {
     let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
-    let shown = ExecutionShown { robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None, said: Vec::new() };
+    let mut shown = ExecutionShown { id, robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None, said: Vec::new() };
     cell.hide_plan(None);
-    cell.update(|activity| activity.execution = Some(shown));
+    cell.update(|activity| activity.show_execution(&shown, false));
     let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
     let calling = async { moving(cell, "execute", Payload::json(plan)?, Some(sender)).await };
     let telling = async {
+        let mut is_taken = false;
         // The sender goes with the call, which ends the race below.
         while let Some(payload) = progress.recv().await {
             let Ok(at) = payload.decode_json::<ExecuteProgress>() else { continue };
-            let phase = at.done.min(at.of.saturating_sub(1));
-            cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.phase = phase));
+            shown.phase = at.done.min(at.of.saturating_sub(1));
+            // Motion has taken it: it is under way, whatever else is.
+            cell.update(|activity| activity.show_execution(&shown, !is_taken));
+            is_taken = true;
         }
         std::future::pending::<Infallible>().await
     };
@@ -62,11 +66,11 @@ pub async fn execute(cell: &WatchedCell, plan: &MotionPlan) -> Result<Answer, Ca
         answer = calling => answer,
         never = telling => match never {},
     };
-    let ended = match answer.as_ref().map_err(Clone::clone).and_then(|answer| answer.payload.decode_json::<ExecuteReply>()) {
+    shown.ended = Some(match answer.as_ref().map_err(Clone::clone).and_then(|answer| answer.payload.decode_json::<ExecuteReply>()) {
         Ok(reply) => ExecutionEnded::Outcome { outcome: reply.outcome, reason: reply.reason },
         Err(error) => ExecutionEnded::Error(error),
-    };
-    cell.update(|activity| activity.execution.iter_mut().for_each(|e| e.ended = Some(ended.clone())));
+    });
+    cell.update(|activity| activity.show_execution(&shown, false));
     answer
 }
 

@@ -33,8 +33,8 @@ impl DisplayedPlan {
         let mut followed = Followed::of(&self.scene);
         followed.look_after_moving(self.plan.query, is_done.then_some(&self.moved), &seen);
         let said = describe(Some(self.plan.query), &followed.disturbed());
-        // Another may be under way by now.
-        site.cell().update(|activity| activity.execution.iter_mut().filter(|e| e.ended.is_some()).for_each(|e| e.said.clone_from(&said)));
+        // Another may be shown by now.
+        site.cell().update(|activity| activity.execution.iter_mut().filter(|e| e.id == self.id).for_each(|e| e.said.clone_from(&said)));
         Ok(())
     }
 }

@@ -227,10 +227,14 @@ impl Viewer {
             let is_same = eyes.cell.as_ref().is_some_and(|old| Arc::ptr_eq(old, &cell));
             let (wanted, open, held, plan) = (eyes.wanted, std::mem::take(&mut eyes.open), eyes.held.take(), eyes.plan.take());
             let before = std::mem::replace(&mut *eyes, Eyes { wanted, cell: Some(cell.clone()), open, ..Eyes::default() });
+            leave(self.id, &before);
+            // Nobody can carry it out any more, and those who still look at that cell would see it as the motion to come.
+            if let (false, Some(old), Some(DisplayedPlan { id: plan, .. })) = (is_same, &before.cell, &plan) {
+                old.hide_plan(Some(plan));
+            }
             if is_same {
                 (eyes.held, eyes.plan) = (held, plan);
             }
-            leave(self.id, &before);
             // What is told from here on is of this cell.
             self.outbox.forget(Topic::is_of_cell);
             self.outbox.put(Topic::Watching, ServerMessage::Watching { cell: cell.name().to_owned() }.encode());
@@ -328,8 +332,11 @@ impl Viewer {
         let placed = placements.get(plan.placement).ok_or_else(|| CallError::internal("motion chose no placement of ours"))?;
         let moved = from_row_major(&placed.0).map_err(|e| CallError::internal(e.to_string()))?;
         let id = shown.plan.clone();
-        self.change_in(&cell, |eyes| eyes.plan = Some(DisplayedPlan { id: id.clone(), plan, scene, moved }))?;
-        cell.show_plan(shown);
+        self.change_in(&cell, |eyes| {
+            eyes.plan = Some(DisplayedPlan { id: id.clone(), plan, scene, moved });
+            // At the same instant: whoever leaves hides what is at hand, and this would be shown after that.
+            cell.show_plan(shown);
+        })?;
         Ok(Answered::Planned { plan: id })
     }
 
@@ -342,7 +349,7 @@ impl Viewer {
         let (Some(planned), Some(cell)) = (planned, cell) else {
             return Err(CallError::not_found("plan", "this plan is not at hand; plan again"));
         };
-        let reply: ExecuteReply = execute(&cell, &planned.plan).await?.payload.decode_json()?;
+        let reply: ExecuteReply = execute(&cell, planned.id.clone(), &planned.plan).await?.payload.decode_json()?;
         let is_done = reply.outcome == ExecutionOutcome::Done;
         if let Some(camera) = camera {
             let site = PageSite::of(cell, camera, planned.plan.robot.clone(), self.deadline());

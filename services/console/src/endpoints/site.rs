@@ -1,6 +1,6 @@
 //! A cell with one of its cameras and robots, as the executive has it from a page: every viewer sees how far it is.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use repose_executive::{MoveStage, Site};
@@ -10,6 +10,7 @@ use repose_proto::{CallError, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, Caller, robot_state};
 
 use super::calls::{execute, moving, shown};
+use crate::arm::PlanShown;
 use crate::cell::{Camera, WatchedCell};
 use crate::stage::GoalStage;
 
@@ -20,6 +21,29 @@ pub struct PageSite {
     robot: String,
     deadline: Duration,
     shown_in: ShownIn,
+    on_display: OnDisplay,
+}
+
+/// The motion that is displayed as the one to come. It goes with the site at the latest: one that was not carried out, because of a stop for instance, is
+/// carried out by nobody.
+struct OnDisplay {
+    cell: Arc<WatchedCell>,
+    plan: Mutex<Option<String>>,
+}
+
+impl OnDisplay {
+    fn show(&self, shown: Arc<PlanShown>) {
+        *self.plan.lock().unwrap_or_else(PoisonError::into_inner) = Some(shown.plan.clone());
+        self.cell.show_plan(shown);
+    }
+}
+
+impl Drop for OnDisplay {
+    fn drop(&mut self) {
+        if let Some(plan) = self.plan.get_mut().unwrap_or_else(PoisonError::into_inner).take() {
+            self.cell.hide_plan(Some(&plan));
+        }
+    }
 }
 
 /// What shows how far a move is.
@@ -36,7 +60,8 @@ enum ShownIn {
 impl PageSite {
     /// These; `deadline` is of a call that does not move the robot.
     pub fn of(cell: Arc<WatchedCell>, camera: Arc<Camera>, robot: String, deadline: Duration) -> Self {
-        Self { cell, camera, robot, deadline, shown_in: ShownIn::Nothing }
+        let on_display = OnDisplay { cell: cell.clone(), plan: Mutex::default() };
+        Self { cell, camera, robot, deadline, shown_in: ShownIn::Nothing, on_display }
     }
 
     /// The same for a sequence, whose steps show how far it is.
@@ -90,7 +115,7 @@ impl Site for PageSite {
 
     async fn moving(&mut self, method: &str, payload: Payload, plan: Option<&MotionPlan>) -> Result<Answer, CallError> {
         match plan {
-            Some(plan) => execute(&self.cell, plan).await,
+            Some(plan) => execute(&self.cell, uuid::Uuid::new_v4().to_string(), plan).await,
             None => moving(&self.cell, method, payload, None).await,
         }
     }
@@ -111,7 +136,7 @@ impl Site for PageSite {
 
     fn planned(&self, plan: &MotionPlan) {
         if let Ok(state) = self.cell.robot(&self.robot) {
-            self.cell.show_plan(shown(plan, &state));
+            self.on_display.show(shown(plan, &state));
         }
     }
 
@@ -125,5 +150,46 @@ impl Site for PageSite {
             };
         });
         goes_on
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry3;
+    use repose_runtime::Session;
+
+    use super::*;
+    use crate::ConsoleConfig;
+    use crate::viewers::{Outbox, ViewerMessage};
+
+    /// Whether a viewer who comes now is shown a motion to come.
+    async fn is_shown(cell: &WatchedCell) -> bool {
+        let outbox = Arc::new(Outbox::default());
+        cell.audience().join(1, outbox.clone());
+        cell.audience().leave(1);
+        loop {
+            match outbox.next().await.expect("a plan is told, or that there is none") {
+                ViewerMessage::Text(text) if text.contains(r#""kind":"plan""#) => return !text.contains(r#""shown":null"#),
+                _ => {}
+            }
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_motion_that_was_not_carried_out_is_shown_no_longer_than_what_it_was_planned_for() {
+        let session = Session::embedded().await.expect("a session");
+        let cell = WatchedCell::follow(&session, "cell", Arc::new(ConsoleConfig::default())).await.expect("a cell");
+        let plan = include_str!("../../../../proto/tests/golden/MotionPlan.v1.json");
+        let plan: MotionPlan = serde_json::from_str(plan).expect("a plan");
+        let shown = |id: &str| Arc::new(PlanShown::new(id.to_owned(), &plan, &Isometry3::identity()));
+        let cell = Arc::new(cell);
+        let on_display = || OnDisplay { cell: cell.clone(), plan: Mutex::default() };
+        let (sequence, earlier) = (on_display(), on_display());
+        earlier.show(shown("earlier"));
+        sequence.show(shown("of the sequence"));
+        drop(earlier);
+        assert!(is_shown(&cell).await, "it is another's");
+        drop(sequence);
+        assert!(!is_shown(&cell).await);
     }
 }
