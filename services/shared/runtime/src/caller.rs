@@ -307,6 +307,9 @@ impl Ongoing<'_> {
 
     async fn attempt(&mut self, assigned: &Assigned) -> Next {
         let (inner, remaining, as_batch) = (self.inner, self.remaining(), self.as_batch());
+        if self.options.cancel.is_cancelled() {
+            return Next::Done(Err(given_up()));
+        }
         if remaining.as_millis() == 0 {
             return Next::Done(Err(too_late()));
         }

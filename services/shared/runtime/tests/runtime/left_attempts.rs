@@ -162,3 +162,16 @@ async fn a_cancel_is_heard_while_a_link_takes_no_call() {
         assert!(began.elapsed() <= most, "{:?}", began.elapsed());
     }
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_call_that_was_given_up_before_it_is_sent_is_not_sent() {
+    let network = FakeNetwork::new(FakeSettings::default());
+    let asked = Arc::new(Oddities::default());
+    let _worker = worker(&network, "worker", asked.clone()).await;
+    let caller = caller(network.node("caller"), 1).await;
+    let given_up = options();
+    given_up.cancel.cancel();
+    assert_eq!(caller.call("echo", word(""), given_up).await.unwrap_err().code, ErrorCode::Cancelled);
+    caller.call("echo", word(""), options()).await.unwrap();
+    assert_eq!(asked.started.load(Ordering::SeqCst), 1, "the second alone");
+}
