@@ -3,11 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_proto::{Payload, Priority};
+use repose_proto::{CallError, Payload, Priority};
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
+use crate::cancel::given_up;
 use crate::directory::Accept;
 
 /// How one call is to be made.
@@ -67,6 +68,17 @@ impl CallOptions {
     /// The same with what is left of the time until `deadline`: for a call that is one of several within it.
     pub(crate) fn until(&self, deadline: Instant) -> Self {
         Self { deadline: deadline.saturating_duration_since(Instant::now()), ..self.clone() }
+    }
+
+    /// Waits before a call is made again.
+    ///
+    /// # Errors
+    /// `cancelled` when the caller gives it up meanwhile.
+    pub(crate) async fn pause(&self, wait: Duration) -> Result<(), CallError> {
+        tokio::select! {
+            () = tokio::time::sleep(wait) => Ok(()),
+            () = self.cancel.cancelled() => Err(given_up()),
+        }
     }
 
     /// A call on behalf of another: the same deadline, cancel, trace and cell. It is interactive: who was let in at one door, and is being worked for,

@@ -19,12 +19,13 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_proto::{CallAttachment, CallError, ErrorCode, Payload, Priority, limits, message};
 use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
 use crate::RuntimeError;
 use crate::attempt::{Attempt, Ended};
 use crate::call_options::CallOptions;
-use crate::cancel::{CancelUnlessDone, cancel_at};
+use crate::cancel::{CancelUnlessDone, cancel_at, given_up};
 use crate::config::CallerConfig;
 use crate::directory::{Assigned, Directory, Wanted, WorkerView};
 use crate::heeded::{self, BatchCall, Refused};
@@ -165,8 +166,35 @@ fn deadline_of(options: &CallOptions) -> Result<Instant, CallError> {
     }
 }
 
-fn given_up() -> CallError {
-    CallError::new(ErrorCode::Cancelled, "the caller cancelled")
+impl Inner {
+    /// What `find` finds among the workers, waiting a while for one to appear, and for the router as long as the deadline allows; none at that.
+    async fn wait_for<T>(
+        &self,
+        deadline: Instant,
+        cancel: &CancellationToken,
+        find: impl Fn() -> Option<T>,
+    ) -> Result<Option<T>, CallError> {
+        let (directory, patience, began) = (&self.directory, &self.patience, Instant::now());
+        loop {
+            let mut changed = std::pin::pin!(directory.changed());
+            changed.as_mut().enable();
+            if let Some(found) = find() {
+                return Ok(Some(found));
+            }
+            tokio::select! {
+                () = changed => {}
+                () = cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "cancelled before it was sent")),
+                () = tokio::time::sleep_until(deadline.min(Instant::now() + LOOK)) => {
+                    if Instant::now() >= deadline {
+                        return Ok(None);
+                    }
+                    if patience.is_over(began) {
+                        return Err(patience.nobody().await);
+                    }
+                }
+            }
+        }
+    }
 }
 
 fn too_late() -> CallError {
@@ -260,28 +288,10 @@ impl Ongoing<'_> {
         }
     }
 
-    /// A worker, waiting a while for one to appear, and for the router as long as the deadline allows.
+    /// A worker to ask.
     async fn worker(&self) -> Result<Assigned, CallError> {
-        let (directory, patience, began) = (&self.inner.directory, &self.inner.patience, Instant::now());
-        loop {
-            let mut changed = std::pin::pin!(directory.changed());
-            changed.as_mut().enable();
-            if let Some(assigned) = directory.choose(&self.wanted()) {
-                return Ok(assigned);
-            }
-            tokio::select! {
-                () = changed => {}
-                () = self.options.cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "cancelled before it was sent")),
-                () = tokio::time::sleep(LOOK.min(self.remaining())) => {
-                    if self.remaining().is_zero() {
-                        return Err(patience.at_deadline(too_late()));
-                    }
-                    if patience.is_over(began) {
-                        return Err(patience.nobody().await);
-                    }
-                }
-            }
-        }
+        let found = self.inner.wait_for(self.deadline, &self.options.cancel, || self.inner.directory.choose(&self.wanted())).await?;
+        found.ok_or_else(|| self.inner.patience.at_deadline(too_late()))
     }
 
     /// Waits before the same workers are asked again; not at all when another one is there.
@@ -299,10 +309,7 @@ impl Ongoing<'_> {
         if wait * 2 > self.remaining() {
             return Err(error);
         }
-        tokio::select! {
-            () = tokio::time::sleep(wait) => Ok(()),
-            () = self.options.cancel.cancelled() => Err(given_up()),
-        }
+        self.options.pause(wait).await
     }
 
     async fn attempt(&mut self, assigned: &Assigned) -> Next {

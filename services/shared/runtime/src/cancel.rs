@@ -3,10 +3,15 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use repose_proto::{Payload, Priority};
+use repose_proto::{CallError, ErrorCode, Payload, Priority};
 
 use crate::target::Target;
 use crate::transport::{Traffic, Transport};
+
+/// The error of a call that its caller gave up.
+pub(crate) fn given_up() -> CallError {
+    CallError::new(ErrorCode::Cancelled, "the caller cancelled")
+}
 
 /// Cancels the call `id` at a worker.
 pub(crate) fn cancel_at(transport: &Arc<dyn Transport>, target: &Target, worker: &str, id: &str) -> impl Future<Output = ()> + use<> {

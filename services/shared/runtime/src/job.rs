@@ -7,6 +7,7 @@ use repose_proto::{CallError, ErrorCode, Priority};
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
+use crate::cancel::given_up;
 use crate::shares::ForCell;
 use crate::stages::Stages;
 
@@ -75,7 +76,7 @@ impl JobContext {
             return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"));
         }
         if self.cancelled.is_cancelled() {
-            return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"));
+            return Err(given_up());
         }
         Ok(())
     }

@@ -17,6 +17,7 @@ use repose_proto::{CallError, ErrorCode};
 use tokio::sync::oneshot;
 
 use crate::RuntimeError;
+use crate::cancel::given_up;
 use crate::gauge::LoadGauge;
 use crate::job::{Job, JobContext, JobReply};
 use crate::scheduling::yield_to_messages;
@@ -257,7 +258,7 @@ impl<T> PendingAnswer<T> {
             () = tokio::time::sleep_until(deadline) => {
                 Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"))
             }
-            () = self.context.cancelled().cancelled() => Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
+            () = self.context.cancelled().cancelled() => Err(given_up()),
         }
     }
 }

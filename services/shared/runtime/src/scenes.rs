@@ -146,7 +146,7 @@ pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOpti
 /// `not_found` when no worker has the scene; those of [`Caller::call_any`].
 pub async fn fetch_scene_payload(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Payload, CallError> {
     let deadline = Instant::now() + options.deadline;
-    let fetched = fetch_parts(perception, request, options).await;
+    let fetched = fetch_parts(perception, request, options, deadline).await;
     if !fetched.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
         return fetched;
     }
@@ -163,8 +163,7 @@ const PART_BYTES: u32 = 256 << 10;
 const PARTS_AT_ONCE: u32 = 16;
 
 /// A scene's payload, put together from its parts.
-async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Payload, CallError> {
-    let deadline = Instant::now() + options.deadline;
+async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &CallOptions, deadline: Instant) -> Result<Payload, CallError> {
     let ask = |k: u32| async move {
         let part = ByteRange { offset: k * PART_BYTES, length: PART_BYTES };
         let request = Payload::json(&SceneRequest { part: Some(part), ..request.clone() })?;
@@ -213,10 +212,7 @@ async fn fetch_part(perception: &Caller, request: &Payload, options: &CallOption
         if wait * 2 > deadline.saturating_duration_since(Instant::now()) {
             return Err(full);
         }
-        tokio::select! {
-            () = tokio::time::sleep(wait) => {}
-            () = options.cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled")),
-        }
+        options.pause(wait).await?;
     }
 }
 

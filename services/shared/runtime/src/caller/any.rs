@@ -5,7 +5,6 @@ use tokio::time::Instant;
 
 use super::{Answer, Caller, deadline_of};
 use crate::call_options::CallOptions;
-use crate::outage::LOOK;
 
 impl Caller {
     /// Makes the same call to every worker alive and returns the first result: who holds it, whoever that is. Ends within its deadline, in which it may
@@ -40,25 +39,10 @@ impl Caller {
     /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router. Whoever asks all of them needs to know none's load,
     /// which over a slow link comes a round trip and a period later.
     async fn wait_for_any(&self, deadline: Instant, options: &CallOptions) -> Result<(), CallError> {
-        let (directory, patience, began) = (&self.inner.directory, &self.inner.patience, Instant::now());
-        loop {
-            let mut changed = std::pin::pin!(directory.changed());
-            changed.as_mut().enable();
-            if !self.workers().is_empty() {
-                return Ok(());
-            }
-            tokio::select! {
-                () = changed => {}
-                () = options.cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "cancelled before it was sent")),
-                () = tokio::time::sleep_until(deadline.min(Instant::now() + LOOK)) => {
-                    if Instant::now() >= deadline {
-                        return Err(patience.at_deadline(patience.nobody().await));
-                    }
-                    if patience.is_over(began) {
-                        return Err(patience.nobody().await);
-                    }
-                }
-            }
+        let someone = || (!self.workers().is_empty()).then_some(());
+        match self.inner.wait_for(deadline, &options.cancel, someone).await? {
+            Some(()) => Ok(()),
+            None => Err(self.inner.patience.at_deadline(self.inner.patience.nobody().await)),
         }
     }
 }

@@ -18,6 +18,7 @@ use super::Shared;
 use super::answerer::Answerer;
 use crate::call::Call;
 use crate::call_key::CallKey;
+use crate::cancel::given_up;
 use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::registry::{Admission, CallResult, MAX_JOINED};
 use crate::shares::ForCell;
@@ -218,7 +219,7 @@ async fn supervise(
                     return Err(CallError::new(ErrorCode::DeadlineExceeded, "the deadline passed before the work was done"));
                 }
                 abort.abort();
-                return Err(CallError::new(ErrorCode::Cancelled, "the caller cancelled"));
+                return Err(given_up());
             }
         }
     }
