@@ -43,9 +43,9 @@ export class Connection {
     setInterval(() => this.#look(), LOOK_MS);
   }
 
-  /** A network that is gone without a word leaves the socket open for minutes. */
+  /** A network that is gone without a word leaves the socket open for minutes, and one that is being opened as it is. */
   #look() {
-    if (this.#socket.readyState !== WebSocket.OPEN) return;
+    if (this.#socket.readyState > WebSocket.OPEN) return;
     this.#silentLooks += 1;
     // There is no request 0: the answer says that the console is there.
     if (this.#silentLooks === LOOKS_TO_ASK) this.cancel(0);
