@@ -13,7 +13,7 @@ use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, PlaceRequest, PlaceResult};
 use repose_runtime::{CallOptions, CancellationToken, reaching_robot};
 use repose_sentences::placement::{center_of, describe, merits, motion, relaxation, tally};
-use repose_words::{ObjectAppearance, Reason, RefusedSentence, find, looks_of, understand};
+use repose_words::{ObjectAppearance, Reason, RefusedSentence, find, looks_of, names_by_number, understand};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -179,6 +179,7 @@ fn wish_of(asked: &PlanArguments, seen: &ShownScene) -> Result<Wish, CallError> 
         (Some(_), Some(_)) => Err(CallError::invalid("say", "expected either a sentence, or `move` and `goal`")),
         (Some(_), None) if !asked.goal.is_empty() => Err(CallError::invalid("goal", "a sentence says the goal, too")),
         (None, None) => Err(CallError::invalid("move", "expected the object to move, or the wish as a sentence in `say`")),
+        (Some(sentence), None) if asked.scene.is_none() && names_by_number(sentence) => Err(of_no_scene("say")),
         (Some(sentence), None) => {
             let meant = understand(sentence, &looks).map_err(|refused| unclear("say", &refused))?;
             let mut understood = PhraseObjects::new();
@@ -213,10 +214,8 @@ struct Naming<'a> {
 impl Naming<'_> {
     fn number(&mut self, field: &str, named: &Named) -> Result<u16, CallError> {
         match named {
-            // The newest view may number its objects otherwise than the one that the agent has in mind.
-            Named::Number(_) if !self.has_scene => {
-                Err(CallError::invalid("scene", format!("{field} is a number: say of which scene, as `look` called it")))
-            }
+            Named::Number(_) if !self.has_scene => Err(of_no_scene(field)),
+            Named::Description(phrase) if !self.has_scene && names_by_number(phrase) => Err(of_no_scene(field)),
             Named::Number(number) if self.looks.iter().any(|look| look.id == *number) => Ok(*number),
             Named::Number(number) => Err(CallError::not_found(field, format!("the scene has no object {number}"))),
             Named::Description(phrase) => {
@@ -226,6 +225,11 @@ impl Naming<'_> {
             }
         }
     }
+}
+
+/// The refusal of a number without its scene: the newest view may number its objects otherwise than the one that the agent has in mind.
+fn of_no_scene(field: &str) -> CallError {
+    CallError::invalid("scene", format!("{field} names an object by its number: say of which scene, as `look` called it"))
 }
 
 /// The refusal of words, with what an agent can do where they are about several objects.

@@ -61,8 +61,17 @@ async fn a_plan_is_made_by_number_by_looks_or_in_a_sentence_and_none_says_why() 
         assert!(answer.text.contains("success 0.94") && answer.text.contains("holds by rule"), "{}", answer.text);
     }
     let field = |answer| refused(answer).1;
-    let no_scene = json!({"move": 1, "goal": [{"relation": "left_of", "to": 2}]});
-    assert_eq!(field(ask(&cell, "plan", no_scene).await).as_deref(), Some("scene"), "numbers are of a scene");
+    for no_scene in [
+        json!({"move": 1, "goal": [{"relation": "left_of", "to": 2}]}),
+        json!({"move": "object 1", "goal": [{"relation": "left_of", "to": "the blue box"}]}),
+        json!({"move": "the red box", "goal": [{"relation": "left_of", "to": "box #2"}]}),
+        json!({"say": "put object 1 left of the blue box"}),
+    ] {
+        assert_eq!(field(ask(&cell, "plan", no_scene.clone()).await).as_deref(), Some("scene"), "numbers are of a scene: {no_scene}");
+    }
+    let numbers_said = json!({"scene": scene, "say": "put object 1 left of object 2"});
+    let answer = ask(&cell, "plan", numbers_said).await.expect("an answer");
+    assert_eq!((&answer.data["move"], &answer.data["goal"]), (&json!(1), &json!(["left_of:2"])));
     let unknown = json!({"scene": "0123456789ab", "move": 1, "goal": [{"relation": "left_of", "to": 2}]});
     assert_eq!(field(ask(&cell, "plan", unknown).await).as_deref(), Some("scene"));
     let absent = json!({"scene": scene, "move": 1, "goal": [{"relation": "left_of", "to": 9}]});

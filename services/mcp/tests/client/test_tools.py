@@ -48,7 +48,8 @@ async def sees_and_plans(client: Client) -> None:
     assert (plan["move"], plan["goal"]) == (moved, [f"{relation}:{anchor}"])
     assert plan["seconds"] > 0 and 0 <= plan["success"] <= 1 and plan["motion"] and plan["evidence"]
     assert picture(result).startswith(b"\xff\xd8\xff")
-    by_words = await client.call_tool("plan", {"say": f"put object {moved} {relation.replace('_of', '')} of object {anchor}"})
+    in_words = f"put object {moved} {relation.replace('_of', '')} of object {anchor}"
+    by_words = await client.call_tool("plan", {"scene": plan["scene"], "say": in_words})
     if relation != "behind":
         assert data(by_words)["goal"] == plan["goal"]
         assert data(by_words)["understood"] == {f"object {moved}": [moved], f"object {anchor}": [anchor]}

@@ -75,6 +75,11 @@ pub fn find(phrase: &str, looks: &[ObjectAppearance]) -> Result<u16, RefusedSent
     resolve::only_object(&descriptions, &words, looks)
 }
 
+/// Whether a sentence or a phrase names an object by its number ("object 3", "#3"): those are the numbers of one scene.
+pub fn names_by_number(text: &str) -> bool {
+    words::words_of(text).iter().any(|word| word.parse::<u16>().is_ok())
+}
+
 /// The words of a text, all of which must be in the vocabulary.
 fn known_words(text: &str, looks: &[ObjectAppearance]) -> Result<Vec<String>, RefusedSentence> {
     if text.chars().count() > MAX_CHARACTERS {

@@ -4,7 +4,7 @@
 mod common;
 
 use repose_proto::GoalTerm;
-use repose_words::{Understood, find, looks_of, understand};
+use repose_words::{Understood, find, looks_of, names_by_number, understand};
 
 fn is_meant(understood: &Understood, query: u16, terms: &[String]) -> bool {
     let meant: Vec<GoalTerm> = terms.iter().map(|t| t.parse().expect("a term")).collect();
@@ -111,6 +111,19 @@ fn a_phrase_finds_its_object_or_names_those_in_question() {
     for (phrase, named) in [("the thing", &all[..]), ("the objects", &all), ("the pink mug", &all), ("the gizmo", &all), ("box 1", &all)] {
         let refused = find(phrase, &looks).expect_err(phrase);
         assert_eq!(refused.candidates, named, "{phrase}: {refused}");
+    }
+}
+
+#[test]
+fn numbers_are_found_wherever_an_object_is_named_by_one() {
+    for (text, is_named) in [
+        ("put object 3 left of the box", true),
+        ("put the mug near #5", true),
+        ("box 2", true),
+        ("put the red mug left of the box", false),
+        ("the second mug from the left", false),
+    ] {
+        assert_eq!(names_by_number(text), is_named, "{text}");
     }
 }
 
