@@ -22,6 +22,8 @@ pub struct Hand {
     stalls: bool,
     /// When the goal was last canceled, milliseconds.
     canceled_ms: Option<u64>,
+    /// Since when nobody knows whether the controller has the goal, or is still at it, milliseconds.
+    lost_ms: Option<u64>,
     /// How wide the fingers stand, as they were last told to be or said to be, metres.
     width_m: f64,
     /// How wide they were last told to stand, metres.
@@ -36,7 +38,7 @@ impl Hand {
     /// It was sent to a width, metres.
     pub fn sent(&mut self, number: u64, width_m: f64) {
         (self.goal, self.told_m, self.held_at_m, self.slipped) = (Some(number), width_m, None, None);
-        (self.stalls, self.canceled_ms) = (false, None);
+        (self.stalls, self.canceled_ms, self.lost_ms) = (false, None, None);
     }
 
     /// The controller says on the way that something stalls the fingers.
@@ -63,6 +65,25 @@ impl Hand {
             self.held_at_m = (result.stalled && !result.reached_goal).then_some(width_m);
         }
         self.canceled_ms.is_none()
+    }
+
+    /// The controller does not answer, and may have the goal all the same: it stays one to be canceled. Whether it was to carry that out, as with
+    /// [`Self::ended`].
+    pub fn lost(&mut self, number: u64, now_ms: u64) -> bool {
+        if self.goal != Some(number) {
+            return false;
+        }
+        self.lost_ms = Some(now_ms);
+        self.canceled_ms.is_none()
+    }
+
+    /// The controller says to a cancel that it carries out no such goal. Within `patience_ms` of its being lost the goal may still be on its way; of
+    /// one that is not lost the end is told.
+    pub fn not_there(&mut self, number: u64, now_ms: u64, patience_ms: u64) {
+        let is_over = self.lost_ms.is_some_and(|lost_ms| now_ms >= lost_ms + patience_ms);
+        if self.goal == Some(number) && is_over {
+            self.goal = None;
+        }
     }
 
     /// Whether the fingers stand where they were told to be.

@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use repose_geometry::transform::to_row_major;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
-use repose_proto::{CallError, Payload, RigidTransform};
+use repose_proto::{Payload, RigidTransform};
 use repose_ros_messages::{
-    FollowJointTrajectoryFeedback, FollowJointTrajectoryGoal, FollowJointTrajectoryResult, GetResultResponse, GripperCommandGoal,
-    GripperCommandResult, JointState,
+    FollowJointTrajectoryFeedback, FollowJointTrajectoryGoal, FollowJointTrajectoryResult, GripperCommandGoal, GripperCommandResult,
+    JointState,
 };
 use repose_runtime::{Sample, Session, Shutdown, Subscription, Traffic, refuse_a_second_driver};
 use tokio::sync::mpsc;
@@ -296,8 +296,9 @@ impl Controllers {
                 let Some(hand) = self.hand.clone() else { return };
                 let id = self.id(number);
                 tokio::spawn(async move {
-                    // It is canceled again until its end is told.
+                    // It is canceled again until its end is told, or, where that was not heard of, the controller says that there is nothing to cancel.
                     match hand.cancel(id, patience).await {
+                        Ok(Canceled::NotThere) => drop(told.send(Told::GripNotThere(number)).await),
                         Ok(answer) => tracing::debug!(action = hand.name(), number, ?answer, "a goal was canceled"),
                         Err(error) => tracing::warn!(action = hand.name(), number, %error, "a cancel was not answered"),
                     }
@@ -308,11 +309,7 @@ impl Controllers {
                 let id = self.id(number);
                 tokio::spawn(async move {
                     let goal = GripperCommandGoal { position, max_effort };
-                    let ended = match grip(&hand, id, goal, patience).await {
-                        Ok(response) => Told::Gripped(number, response.status, response.result),
-                        Err(error) => Told::NotGripped(number, error.to_string()),
-                    };
-                    drop(told.send(ended).await);
+                    drop(told.send(grip(&hand, (number, id), goal, patience).await).await);
                 });
             }
         }
@@ -343,14 +340,15 @@ async fn follow(
     }
 }
 
-async fn grip(
-    hand: &HandClient,
-    id: GoalHandle,
-    goal: GripperCommandGoal,
-    patience: Duration,
-) -> Result<GetResultResponse<GripperCommandResult>, BridgeError> {
-    if !hand.send(id, goal, patience).await? {
-        return Err(CallError::precondition(format!("{} refused the goal", hand.name())).into());
+/// Sends the hand's goal and waits for its result; what came of it.
+async fn grip(hand: &HandClient, (number, id): (u64, GoalHandle), goal: GripperCommandGoal, patience: Duration) -> Told {
+    match hand.send(id, goal, patience).await {
+        Ok(true) => {}
+        Ok(false) => return Told::NotGripped(number, format!("{} refused the goal", hand.name())),
+        Err(error) => return Told::GripLost(number, error.to_string()),
     }
-    hand.result(id, RESULT_MARGIN).await
+    match hand.result(id, RESULT_MARGIN).await {
+        Ok(response) => Told::Gripped(number, response.status, response.result),
+        Err(error) => Told::GripLost(number, error.to_string()),
+    }
 }

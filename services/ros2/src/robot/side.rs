@@ -65,8 +65,12 @@ pub enum Told {
     NotThere(u64),
     /// The hand's controller has ended its goal: a state of goals, and the result.
     Gripped(u64, i8, GripperCommandResult),
-    /// It has not taken it, or its end was not heard of: why.
+    /// It has not taken it: why.
     NotGripped(u64, String),
+    /// It does not answer, and may have taken it, or its end was not heard of: why.
+    GripLost(u64, String),
+    /// It answers to a cancel that it carries out no such goal.
+    GripNotThere(u64),
     /// It says on the way that something stalls the fingers.
     Stalled(u64),
 }
@@ -253,7 +257,7 @@ impl RosSide {
 
     /// Takes an answer of a controller.
     pub fn told(&mut self, told: Told, now_ms: u64) {
-        if self.told_of_hand(&told) {
+        if self.told_of_hand(&told, now_ms) {
             return;
         }
         let (Told::Accepted(number)
@@ -265,6 +269,8 @@ impl RosSide {
         | Told::NotThere(number)
         | Told::Gripped(number, ..)
         | Told::NotGripped(number, _)
+        | Told::GripLost(number, _)
+        | Told::GripNotThere(number)
         | Told::Stalled(number)) = &told;
         match &told {
             Told::Accepted(_) => self.unended.accepted(*number),
@@ -272,7 +278,8 @@ impl RosSide {
             Told::Refused(..) | Told::Ended(..) => self.unended.ended(*number),
             Told::Ending(_) => self.unended.ending(*number, now_ms),
             Told::NotThere(_) => self.unended.not_there(*number, now_ms, self.config.controller_timeout_ms),
-            Told::Unanswered(..) | Told::Lost(..) | Told::Gripped(..) | Told::NotGripped(..) | Told::Stalled(_) => {}
+            Told::Unanswered(..) | Told::Lost(..) => {}
+            Told::Gripped(..) | Told::NotGripped(..) | Told::GripLost(..) | Told::GripNotThere(_) | Told::Stalled(_) => {}
         }
         // Of a goal whose place another has taken, or that is being canceled, nothing else is to be learnt.
         let Some(goal) = self.goal.filter(|goal| goal.number == *number) else { return };
@@ -289,7 +296,7 @@ impl RosSide {
                 self.owed_s = 0.0;
             }
             Told::Accepted(_) | Told::Ending(_) | Told::NotThere(_) => {}
-            Told::Gripped(..) | Told::NotGripped(..) | Told::Stalled(_) => {}
+            Told::Gripped(..) | Told::NotGripped(..) | Told::GripLost(..) | Told::GripNotThere(_) | Told::Stalled(_) => {}
             Told::Refused(_, why) => fault("controller_refused", why),
             Told::Unanswered(_, why) | Told::Lost(_, why) => fault("controller_silent", why),
             Told::Ended(_, status::SUCCEEDED, _) => self.goal = None,
@@ -301,7 +308,7 @@ impl RosSide {
     }
 
     /// Takes what the hand's controller says; whether it was that.
-    fn told_of_hand(&mut self, told: &Told) -> bool {
+    fn told_of_hand(&mut self, told: &Told, now_ms: u64) -> bool {
         let failure = match told {
             Told::Stalled(number) => {
                 self.hand.stalled(*number);
@@ -315,6 +322,11 @@ impl RosSide {
                 (was_to && !is_done).then(|| format!("the hand's goal ended {} at {:.4} m", status::name(*state), result.position))
             }
             Told::NotGripped(number, why) => self.hand.ended(*number, None, 0.0).then(|| why.clone()),
+            Told::GripLost(number, why) => self.hand.lost(*number, now_ms).then(|| why.clone()),
+            Told::GripNotThere(number) => {
+                self.hand.not_there(*number, now_ms, self.config.controller_timeout_ms);
+                None
+            }
             _ => return false,
         };
         if let (Some(why), Some(arm)) = (failure, self.arm.as_mut().filter(|arm| arm.stop().is_none())) {

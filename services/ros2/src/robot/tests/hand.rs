@@ -51,6 +51,7 @@ fn a_goal_of_the_hand_that_fails_latches_a_stop_and_one_that_something_stalls_do
     let stalled = GripperCommandResult { stalled: true, ..short };
     for (told, stop) in [
         (Told::NotGripped(1, "it refused the goal".to_owned()), Some("gripper_failed")),
+        (Told::GripLost(1, "it does not answer".to_owned()), Some("gripper_failed")),
         (Told::Gripped(1, status::ABORTED, short), Some("gripper_failed")),
         (Told::Gripped(1, status::ABORTED, stalled), None),
         // It was to grasp, and nothing was there.
@@ -76,4 +77,33 @@ fn a_goal_of_the_hand_that_a_stop_has_canceled_is_no_failure_when_it_ends_late()
     assert!(trial.clears());
     trial.side.told(Told::Gripped(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
     assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Idle));
+}
+
+#[test]
+fn a_goal_that_the_hands_controller_may_have_taken_without_a_word_is_canceled_until_it_is_known_to_be_over() {
+    let mut trial = Trial::new(true);
+    trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
+    trial.run(8);
+    trial.done();
+    trial.side.told(Told::GripLost(1, "no answer within 2000 ms".to_owned()), trial.now_ms);
+    trial.run(400);
+    assert_eq!((trial.done(), trial.stop_kind().as_deref()), (vec![Do::CancelGrip(1); 2], Some("gripper_failed")));
+    trial.side.told(Told::GripNotThere(1), trial.now_ms);
+    trial.run(2000);
+    assert_eq!(trial.done(), vec![Do::CancelGrip(1); 8], "it may come late");
+    trial.side.told(Told::GripNotThere(1), trial.now_ms);
+    trial.run(400);
+    assert!(trial.done().is_empty());
+    assert!(trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled);
+}
+
+#[test]
+fn a_controller_that_has_ended_a_goal_of_the_hand_tells_so_by_its_result_and_not_by_a_cancel() {
+    let mut trial = Trial::new(true);
+    trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
+    trial.run(8);
+    trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+    trial.run(4000);
+    trial.side.told(Told::GripNotThere(1), trial.now_ms);
+    assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled, "its result is on the way");
 }
