@@ -126,6 +126,19 @@ def test_a_tensor_on_another_device_is_refused_by_name(view):
     assert raised.value.field == "depth"
 
 
+class OfGradients:
+    """A tensor that is a part of a computation: PyTorch gives no array of it."""
+
+    def __array__(self, dtype=None, copy=None):
+        raise RuntimeError("Can't call numpy() on Tensor that requires grad. Use tensor.detach().numpy() instead.")
+
+
+def test_a_tensor_that_gradients_are_asked_of_is_refused_by_name_with_what_to_do(view):
+    with pytest.raises(repose.InvalidArgument, match=r"detach\(\)") as raised:
+        view.scene(depth=OfGradients())
+    assert raised.value.field == "depth"
+
+
 @pytest.mark.parametrize(
     ("change", "field"),
     [

@@ -31,7 +31,8 @@ def as_array(value: Any, name: str) -> NDArray[Any]:
             raise InvalidArgument(f"expected an array in the memory of the CPU: {error}", name) from error
     try:
         return np.asarray(value)
-    except (TypeError, ValueError) as error:
+    # Tensors that gradients are asked of raise a RuntimeError.
+    except (TypeError, ValueError, RuntimeError) as error:
         raise InvalidArgument(f"expected an array, got {type(value).__name__}: {error}", name) from error
 
 
