@@ -10,12 +10,14 @@ import textwrap
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import System, free_port, readme_blocks
 
 import repose
+from repose import _cell
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +55,35 @@ def test_a_placement_over_the_network_is_the_one_of_this_process(client, scene, 
     over_network = client.place(scene, **wish)
     here = repose.plan(scene, **wish)
     assert over_network.data == here.data
+
+
+def test_a_deadline_is_of_everything_that_is_asked(monkeypatch):
+    clock, waits = SimpleNamespace(now=100.0), []
+    monkeypatch.setattr(_cell, "time", SimpleNamespace(monotonic=lambda: clock.now))
+
+    def took_two_seconds(what, within_s):
+        waits.append((what, within_s))
+        clock.now += 2.0
+
+    class Connection:
+        def call(self, service, method, schema, request, *, deadline_s, **options):
+            took_two_seconds(method, deadline_s)
+            return SimpleNamespace(wait=lambda timeout_s: ("Any.v1", False, b'{"scene_id": "ab"}', "one", 1, {}))
+
+        def subscribe(self, kind, name, newest_only):
+            state = b'{"q_rad": [0, 0, 0, 0, 0, 0, 0], "dq_rad_s": [0, 0, 0, 0, 0, 0, 0], "gripper_width_m": 0.0, "mode": "idle"}'
+
+            def recv(timeout_s):
+                took_two_seconds("state", timeout_s)
+                return "key", "RobotState.v1", state
+
+            return SimpleNamespace(recv=recv, close=lambda: None)
+
+    client = repose.Client(Connection(), "front", "panda")
+    client.place_call(move=1, goal=[("near", 2)], deadline_s=3.5)
+    client.plan_motion(SimpleNamespace(id="ab", _native=None), np.eye(4), move=1, deadline_s=3.5)
+    client.plan_motion(SimpleNamespace(id="ab", _native=None), np.eye(4), [0.0] * 7, move=1, deadline_s=-1.0)
+    assert waits == [("latest", 3.5), ("place", 1.5), ("state", 3.5), ("plan", 1.5), ("plan", -1.0)]
 
 
 def test_every_call_is_answered_while_a_planner_is_killed(client, system, scene, wish):

@@ -22,6 +22,8 @@ T = TypeVar("T")
 
 #: How long a motion may take, seconds; the longest that a call may.
 LONGEST_S = 600.0
+#: How long a robot may take to tell its state, seconds.
+STATE_S = 5.0
 #: Between two questions for what nobody has yet, and between two puts of an emergency stop, seconds.
 AGAIN_S = 0.1
 #: After so long, seconds, another's emergency stop that a state shows will do: a robot's side may keep showing the first.
@@ -121,10 +123,11 @@ class Cell:
         **options: Any,
     ) -> Call[Plan]:
         """Start `place`, to follow its progress or cancel it: returns a `repose.Call`."""
+        ends = time.monotonic() + deadline_s
         if say is not None and not isinstance(scene, Scene):
-            scene = await self.scene(scene, camera=camera)
+            scene = await self.scene(scene, camera=camera, deadline_s=deadline_s)
         elif scene is None:
-            scene = str((await self.latest(camera))["scene_id"])
+            scene = str((await self.latest(camera, deadline_s=deadline_s))["scene_id"])
         whole: Scene | None = None
         taken: list[Taken] = []
         if isinstance(scene, Scene):
@@ -135,7 +138,8 @@ class Cell:
         else:
             scene_id = scene
         request = place_request(scene_id, move, goal, options)
-        call = self.call("planner", "place", "PlaceRequest.v1", request, deadline_s=deadline_s, priority=priority, scene=whole)
+        left_s = _left_s(deadline_s, ends)
+        call = self.call("planner", "place", "PlaceRequest.v1", request, deadline_s=left_s, priority=priority, scene=whole)
         return call._read_as(lambda answer: Plan(answer.content.decode(), taken))
 
     async def place(
@@ -183,10 +187,13 @@ class Cell:
         deadline_s: float = 60.0,
     ) -> MotionPlan:
         """Plan the pick and place, from where the robot is unless ``start_joints_rad`` says otherwise; see `repose.plan_motion`."""
+        ends = time.monotonic() + deadline_s
         robot = self.robot if robot is None else robot
-        start = (await self.robot_state(robot)).joints_rad if start_joints_rad is None else start_joints_rad
-        request = motion_request(scene.id, placements, start, move, robot, grasps, seed)
-        call = self.call("motion", "plan", "MotionPlanRequest.v1", request, deadline_s=deadline_s, scene=scene)
+        if start_joints_rad is None:
+            start_joints_rad = (await self.robot_state(robot, timeout_s=min(deadline_s, STATE_S))).joints_rad
+        request = motion_request(scene.id, placements, start_joints_rad, move, robot, grasps, seed)
+        left_s = _left_s(deadline_s, ends)
+        call = self.call("motion", "plan", "MotionPlanRequest.v1", request, deadline_s=left_s, scene=scene)
         return MotionPlan((await call._step()).content.decode())
 
     async def execute_call(self, plan: MotionPlan) -> Call[Execution]:
@@ -222,7 +229,7 @@ class Cell:
         )
         return _execution(await call._step())
 
-    async def robot_state(self, robot: str | None = None, *, timeout_s: float = 5.0) -> RobotState:
+    async def robot_state(self, robot: str | None = None, *, timeout_s: float = STATE_S) -> RobotState:
         """Return what a robot says of itself next.
 
         Raises:
@@ -277,3 +284,8 @@ class Cell:
 
 def _execution(answer: Answer) -> Execution:
     return Execution(answer.data["outcome"], answer.data.get("reason"), answer.data)
+
+
+def _left_s(deadline_s: float, ends: float) -> float:
+    """Return what is left of a deadline, seconds. One that is no time from now is for the call to refuse."""
+    return max(ends - time.monotonic(), 0.001) if deadline_s > 0 else deadline_s
