@@ -193,8 +193,9 @@ impl Connection {
 
     /// Cancels the calls under way, and ends the session.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
+        // In a process that was forked there is nothing to end: the session is the other's.
+        let Ok(handle) = self.threads.handle() else { return Ok(()) };
         self.closed.cancel();
-        let Some(handle) = self.threads.handle() else { return Ok(()) };
         let close = || async move {
             // While there is still a way to their workers.
             drop(tokio::time::timeout(GIVEN_UP_WITHIN, self.under_way.write()).await);
@@ -219,9 +220,9 @@ impl Connection {
     /// The network's threads.
     ///
     /// # Errors
-    /// `failed_precondition` once the connection is closed.
+    /// `failed_precondition` once the connection is closed, and in a process that was forked from its own.
     pub fn handle(&self) -> Result<&Handle, CallError> {
-        self.threads.handle().filter(|_| !self.closed.is_cancelled()).ok_or_else(closed)
+        if self.closed.is_cancelled() { Err(closed()) } else { self.threads.handle() }
     }
 
     /// What cancels a new call, and what the call keeps until it has ended.

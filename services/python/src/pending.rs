@@ -75,7 +75,7 @@ impl Pending {
         cancel: CancellationToken,
         progress: mpsc::Receiver<Payload>,
     ) -> PyResult<Self> {
-        let handle = threads.handle().ok_or_else(|| raised(CallError::precondition("the connection is closed")))?;
+        let handle = threads.handle().map_err(raised)?;
         let shared = Arc::new(Shared::default());
         let ending = shared.clone();
         handle.spawn(async move {
@@ -88,6 +88,9 @@ impl Pending {
 
     /// Waits for the end; `None` when it has not come by then.
     fn ended(&self, py: Python<'_>, over: Option<Instant>) -> PyResult<Option<Result<Answer, CallError>>> {
+        if !self.done() {
+            self.threads.handle().map_err(raised)?;
+        }
         loop {
             let ended = py.detach(|| {
                 let (state, slice) = (self.shared.state(), slice_before(over));
@@ -120,7 +123,7 @@ impl Pending {
 
     /// The next progress reply; `None` once there will be no more.
     fn next_progress<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
-        let Some(handle) = self.threads.handle() else { return Ok(None) };
+        let handle = self.threads.handle().map_err(raised)?;
         loop {
             let next = py.detach(|| {
                 let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);

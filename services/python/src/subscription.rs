@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use repose_runtime::CancellationToken;
 
+use crate::error::raised;
 use crate::threads::Threads;
 use crate::waiting::{over_at, slice_before};
 
@@ -37,10 +38,7 @@ impl Subscription {
     #[pyo3(signature = (timeout_s = None))]
     fn recv<'py>(&self, py: Python<'py>, timeout_s: Option<f64>) -> PyResult<Option<Message<'py>>> {
         let over = over_at(timeout_s);
-        let Some(handle) = self.threads.handle() else {
-            self.ended.store(true, Ordering::Release);
-            return Ok(None);
-        };
+        let handle = self.threads.handle().map_err(raised)?;
         loop {
             let slice = slice_before(over);
             let next = py.detach(|| {

@@ -86,6 +86,30 @@ def test_a_deadline_is_of_everything_that_is_asked(monkeypatch):
     assert waits == [("latest", 3.5), ("place", 1.5), ("state", 3.5), ("plan", 1.5), ("plan", -1.0)]
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_process_that_was_forked_is_told_to_connect_anew(client, scene, wish):
+    call = client.place_call(scene, **wish)
+    child = os.fork()
+    if child == 0:
+        # Where it waits for ever, this ends it.
+        signal.alarm(60)
+        told = 0
+        try:
+            for ask in (lambda: client.workers("planner"), client.latest, call.progress().__next__, lambda: client.place_call(scene, **wish)):
+                try:
+                    ask()
+                except repose.FailedPrecondition as error:
+                    told += "forked" in error.message
+            client.close()
+        finally:
+            os._exit(told)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 4
+    assert call.result().data["scene_id"] == scene.id
+    assert client.workers("planner"), "the session goes on where it was made"
+
+
 def test_every_call_is_answered_while_a_planner_is_killed(client, system, scene, wish):
     planners = system.children("planner")
     assert len(planners) == 2
