@@ -15,7 +15,8 @@ const ANCHORS: usize = 3;
 /// others must still come to.
 pub fn places_aside(scene: &PreparedScene, object: u16, unsettled: &BTreeSet<u16>, keep_clear: &BTreeSet<u16>) -> Vec<Vec<GoalTerm>> {
     let Some(from) = scene.belief.objects.get(&object).map(|o| o.centroid) else { return Vec::new() };
-    let others = scene.belief.objects.iter().filter(|(id, _)| **id != object);
+    // Of what can be an anchor: a place beside an object of which too little was seen cannot be asked for.
+    let others = scene.belief.objects.iter().filter(|(id, _)| **id != object && scene.object(**id, "goal").is_ok());
     // What moves again is an anchor only where nothing else is there.
     let mut anchors: Vec<(bool, f64, u16)> =
         others.map(|(id, other)| (unsettled.contains(id), (other.centroid - from).xy().norm(), *id)).collect();
