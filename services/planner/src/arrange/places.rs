@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use repose_geometry::ViewerFrame;
 use repose_proto::arrange::ArrangeRequest;
 use repose_proto::place::{Placement, Rejection};
-use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest};
+use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, limits};
 
 use crate::arrange::surroundings::surroundings;
 use crate::learned::models::PlacementModels;
@@ -112,7 +112,8 @@ impl<'a> Places<'a> {
         &self.weights_hash
     }
 
-    /// Places for an object on a table, best first; none where there is none, where too little is known of it, or where the search has ended.
+    /// Places for an object on a table, best first; none where there is none, where too little is known of it, where it has more terms than a placement
+    /// may be asked for, or where the search has ended.
     ///
     /// # Errors
     /// What the models answer, and `cancelled`.
@@ -129,7 +130,8 @@ impl<'a> Places<'a> {
         if let Some(known) = self.known.get(&key) {
             return Ok(known.clone());
         }
-        if self.tipping.contains(&object) {
+        // More terms than one search may have cannot be tried together, and a place that was tried for some of them is none.
+        if self.tipping.contains(&object) || terms.len() > limits::MAX_GOAL_TERMS {
             return Ok(Arc::default());
         }
         let time_is_up = self.request.time_ms.is_some_and(|ms| self.started.elapsed() >= Duration::from_millis(ms));
