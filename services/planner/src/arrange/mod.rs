@@ -34,11 +34,12 @@ use crate::plan::SearchStep;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
-/// Plans an arrangement. `control` is asked between batches of every placement that is searched; breaking it stops the search.
+/// Plans an arrangement. `control` is asked between batches of every placement that is searched, and before every table that is prepared; breaking it
+/// stops the search. Time that ends leaves a `partial` result, with the moves found until then, if any.
 ///
 /// # Errors
-/// `invalid_argument` for a bad request, `not_found` on `goals[i].object` or `goals[i].terms[k].anchor`, `cancelled`, `deadline_exceeded`
-/// before anything was found, and what the models answer.
+/// `invalid_argument` for a bad request, `not_found` on `goals[i].object` or `goals[i].terms[k].anchor`, `failed_precondition` on one of which too
+/// little was seen, `cancelled`, and what the models answer.
 pub fn arrange(
     prepared: &Arc<PreparedScene>,
     request: &ArrangeRequest,

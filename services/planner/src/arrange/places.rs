@@ -94,12 +94,23 @@ impl<'a> Places<'a> {
     }
 
     /// Whether another table may be prepared after so many: as many as the searches that may be made now are worth, however many of those are known.
-    pub fn allows_tables(&mut self, prepared: u32) -> bool {
+    /// Time that has ended is noticed here too, and leaves one table, for a place that was found last.
+    ///
+    /// # Errors
+    /// `cancelled`.
+    pub fn allows_tables(&mut self, prepared: u32) -> Result<bool, CallError> {
+        let had_ended = self.ended == Some(PlacesEnd::Time);
+        match (self.control)(SearchStep::Batch) {
+            ControlFlow::Break(StopReason::Cancelled) => return Err(CallError::new(ErrorCode::Cancelled, "cancelled while searching")),
+            ControlFlow::Break(StopReason::Deadline) => self.ended = Some(PlacesEnd::Time),
+            ControlFlow::Continue(()) if self.left_ms() == Some(0) => self.ended = Some(PlacesEnd::Time),
+            ControlFlow::Continue(()) => {}
+        }
         let allowed = prepared < self.most_searches.saturating_mul(TABLES_A_SEARCH);
         if !allowed && self.ended.is_none() {
             self.ended = Some(PlacesEnd::Budget);
         }
-        allowed
+        Ok(allowed && !had_ended)
     }
 
     /// What ended it early, if anything.
@@ -192,6 +203,19 @@ mod tests {
     use super::*;
     use crate::learned::models::NoModels;
     use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    #[test]
+    fn a_stop_is_heard_between_tables_though_nothing_is_searched() {
+        let request = ArrangeRequest::new("a scene".to_owned(), Vec::new());
+        let stopping = |stop: StopReason| move |_: SearchStep| -> ControlFlow<StopReason> { ControlFlow::Break(stop) };
+        let mut control = stopping(StopReason::Deadline);
+        let mut places = Places::new(&request, ViewerFrame::from_yaw(0.0), &NoModels, &mut control);
+        assert_eq!([0, 1].map(|prepared| places.allows_tables(prepared).unwrap()), [true, false]);
+        assert_eq!(places.ended(), Some(PlacesEnd::Time));
+        let mut control = stopping(StopReason::Cancelled);
+        let mut places = Places::new(&request, ViewerFrame::from_yaw(0.0), &NoModels, &mut control);
+        assert_eq!(places.allows_tables(0).unwrap_err().code, ErrorCode::Cancelled);
+    }
 
     #[test]
     fn a_search_that_time_ended_without_a_place_does_not_say_that_there_is_none() {
