@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use repose_proto::RigidTransform;
+use repose_proto::keys::validate_chunk;
 use repose_proto::place::ReachingRobot;
 use repose_runtime::RuntimeError;
 use serde::Deserialize;
@@ -55,11 +56,13 @@ impl Robots {
     /// Those of a configuration.
     ///
     /// # Errors
-    /// [`RuntimeError::Config`] when a pose is not rigid, or the default robot has none.
+    /// [`RuntimeError::Config`] when a name is no chunk of a key, a pose is not rigid, or the default robot has none.
     pub fn of(config: &PlannerConfig) -> Result<Self, RuntimeError> {
         let bad = |message: String| RuntimeError::Config { section: "planner".to_owned(), file: None, message };
         for (name, pose) in &config.robots {
-            RigidTransform(*pose).validate(&format!("robots.{name}")).map_err(|e| bad(e.to_string()))?;
+            let field = format!("robots.{name}");
+            let valid = validate_chunk(&field, name).and_then(|()| RigidTransform(*pose).validate(&field));
+            valid.map_err(|e| bad(e.to_string()))?;
         }
         if let Some(name) = config.robot.as_ref().filter(|name| !config.robots.contains_key(*name)) {
             return Err(bad(format!("robot: {name} is not among robots")));
@@ -112,5 +115,8 @@ mod tests {
         assert!(
             refused(&PlannerConfig { robots: BTreeMap::from([("left".to_owned(), [0.0; 16])]), ..config.clone() }).contains("robots.left")
         );
+        // Whoever leaves the robot to the cell would be told that the name, which it did not give, is bad.
+        let robots = BTreeMap::from([("Left arm".to_owned(), pose(0.0))]);
+        assert!(refused(&PlannerConfig { robot: Some("Left arm".to_owned()), robots, ..config.clone() }).contains("robots.Left arm"));
     }
 }

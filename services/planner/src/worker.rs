@@ -111,11 +111,10 @@ fn in_time<'a>(
     reserve: Duration,
     progress: impl Fn(PlaceProgress) + 'a,
 ) -> impl FnMut(SearchStep) -> ControlFlow<StopReason> + 'a {
-    let mut last_batch = Instant::now();
+    let mut pace = Pace::default();
     move |step: SearchStep| {
         // Another batch takes about as long as the last one: a batch that cannot be finished is not begun.
-        let batch = last_batch.elapsed();
-        last_batch = Instant::now();
+        let batch = pace.since_last(Instant::now());
         if let SearchStep::Iteration(done) = step {
             progress(*done);
         }
@@ -127,6 +126,20 @@ fn in_time<'a>(
         } else {
             ControlFlow::Continue(())
         }
+    }
+}
+
+/// The pace of a search. What is done once before its first step (preparing the scene, asking the prior and for the forecasts) tells nothing of how
+/// long a batch takes.
+#[derive(Debug, Default)]
+struct Pace {
+    last_step: Option<Instant>,
+}
+
+impl Pace {
+    /// The time since the step before; none before the first.
+    fn since_last(&mut self, now: Instant) -> Duration {
+        self.last_step.replace(now).map_or(Duration::ZERO, |last| now.saturating_duration_since(last))
     }
 }
 
@@ -187,6 +200,13 @@ mod tests {
         assert!(begin.elapsed() < deadline, "{:?}", begin.elapsed());
         assert_eq!((result.outcome, result.placements.len()), (Outcome::Partial, 1));
         assert!((1..100).contains(&result.iterations), "{}", result.iterations);
+    }
+
+    #[test]
+    fn what_comes_before_the_first_batch_is_no_batch() {
+        let (begin, mut pace) = (Instant::now(), Pace::default());
+        let at = |s: u64| begin + Duration::from_secs(s);
+        assert_eq!([5, 6, 9].map(|s| pace.since_last(at(s)).as_secs()), [0, 1, 3]);
     }
 
     #[tokio::test]

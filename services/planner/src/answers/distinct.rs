@@ -2,8 +2,9 @@
 
 use crate::judge::judged::JudgedCandidate;
 use crate::search::levels::by_level;
+use crate::search::ranking::are_apart;
 
-/// The best candidates, no two closer than `min_separation_m`, at most `count`; of equals the first drawn.
+/// The best candidates, no two closer than `min_separation_m` nor the same, at most `count`; of equals the first drawn.
 ///
 /// Where several are wanted, half of them may be the best of other levels of support than the first's, so that both the table and the
 /// box are among them; they are in the order of their cost all the same.
@@ -22,8 +23,7 @@ pub fn distinct_places(accepted: &[JudgedCandidate], count: usize, min_separatio
         if chosen.len() == count {
             break;
         }
-        let at = accepted[i].candidate.centroid();
-        if chosen.iter().all(|c| (accepted[*c].candidate.centroid() - at).norm() >= min_separation_m) {
+        if chosen.iter().all(|c| are_apart(&accepted[*c].candidate, &accepted[i].candidate, min_separation_m)) {
             chosen.push(i);
         }
     }
@@ -47,6 +47,19 @@ mod tests {
         let chosen = distinct(&accepted, 5, 0.03, 0.025);
         assert_eq!(chosen.iter().map(|j| j.cost).collect::<Vec<_>>(), [1.0, 4.0]);
         assert_eq!(distinct(&accepted, 1, 0.0, 0.025).len(), 1);
+    }
+
+    #[test]
+    fn answers_that_may_be_as_close_as_they_like_are_not_the_same() {
+        let at = |x: f32, yaw_rad: f32, cost: f64| {
+            let mut j = JudgedCandidate::new(CandidatePose { centroid_m: [x, 0.0, 0.0], yaw_rad }, 0);
+            j.cost = cost;
+            j
+        };
+        // The first was drawn twice, and once more turned.
+        let accepted = [at(0.0, 0.0, 1.0), at(0.0, 0.0, 1.0), at(0.0, 0.5, 2.0), at(0.001, 0.0, 3.0)];
+        let chosen = distinct(&accepted, 4, 0.0, 0.025);
+        assert_eq!(chosen.iter().map(|j| j.cost).collect::<Vec<_>>(), [1.0, 2.0, 3.0]);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use repose_geometry::ViewerFrame;
+use repose_proto::GoalTerm;
 use repose_proto::arrange::ObjectGoal;
-use repose_proto::{GoalTerm, limits};
 
 use crate::checks::rules::Rules;
 use crate::scene::prepared::PreparedScene;
@@ -57,7 +57,8 @@ impl Goals {
         !asked(object) && self.waits_for(object, unsettled).into_iter().all(|o| !asked(o) && self.waits_for(o, unsettled).contains(&object))
     }
 
-    /// What a place of an object must satisfy: its own terms, and turned about those of others about it, each as far as the other stands.
+    /// What a place of an object must satisfy: its own terms, and turned about those of others about it, each as far as the other stands. They may
+    /// be more than a request for a placement may have.
     pub fn of(&self, object: u16, unsettled: &BTreeSet<u16>) -> Vec<GoalTerm> {
         let own = self.terms.get(&object).into_iter().flatten().filter(|t| !unsettled.contains(&t.anchor)).copied();
         let others = self.terms.iter().filter(|(other, _)| **other != object && !unsettled.contains(other));
@@ -67,7 +68,7 @@ impl Goals {
         });
         let mut all: Vec<GoalTerm> = Vec::new();
         for term in own.chain(about) {
-            if !all.contains(&term) && all.len() < limits::MAX_GOAL_TERMS {
+            if !all.contains(&term) {
                 all.push(term);
             }
         }
@@ -112,6 +113,14 @@ mod tests {
         assert_eq!(named(3, &[]), ["behind:4", "right_of:2"]);
         assert_eq!(named(3, &[2]), ["behind:4"]);
         assert_eq!(named(4, &[2]), ["in_front_of:3"]);
+    }
+
+    #[test]
+    fn no_term_is_passed_over_however_many_there_are() {
+        const BESIDE: &[&str] = &["near:1", "not:aligned:1"];
+        let mut asked: Vec<(u16, &[&str])> = (2..12).map(|object| (object, BESIDE)).collect();
+        asked.push((1, &["left_of:20"]));
+        assert_eq!(goals(&asked).of(1, &BTreeSet::new()).len(), 21);
     }
 
     #[test]

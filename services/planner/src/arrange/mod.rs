@@ -34,11 +34,12 @@ use crate::plan::SearchStep;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
 
-/// Plans an arrangement. `control` is asked between batches of every placement that is searched; breaking it stops the search.
+/// Plans an arrangement. `control` is asked between batches of every placement that is searched, and before every table that is prepared; breaking it
+/// stops the search. Time that ends leaves a `partial` result, with the moves found until then, if any.
 ///
 /// # Errors
-/// `invalid_argument` for a bad request, `not_found` on `goals[i].object` or `goals[i].terms[k].anchor`, `cancelled`, `deadline_exceeded`
-/// before anything was found, and what the models answer.
+/// `invalid_argument` for a bad request, `not_found` on `goals[i].object` or `goals[i].terms[k].anchor`, `failed_precondition` on one of which too
+/// little was seen, `cancelled`, and what the models answer.
 pub fn arrange(
     prepared: &Arc<PreparedScene>,
     request: &ArrangeRequest,
@@ -93,9 +94,7 @@ pub fn arrange(
         }
     }
     (result.searches, result.weights_hash) = (search.asked().searches(), search.asked().weights_hash().to_owned());
-    // Moves that left their goal open do not stay where they are.
-    let moved: Vec<u16> = result.moves.iter().map(|m| m.object).collect();
-    result.satisfied.retain(|object| !moved.contains(object));
+    result.satisfied.retain(|object| is_left_satisfied(*object, &result.moves, &result.open));
     result.probability = probability(&result.moves);
     Ok(result)
 }
@@ -135,6 +134,12 @@ fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut S
     Ok(Conflict { goals: kept, proof: Proof::NotFound, smallest })
 }
 
+/// Whether the goal of an object holds still, that held before these moves: the object stays where it is, and none of what it is placed by was moved
+/// so that its goal is open now.
+fn is_left_satisfied(object: u16, moves: &[ArrangeMove], open: &[u16]) -> bool {
+    !open.contains(&object) && moves.iter().all(|step| step.object != object)
+}
+
 /// Null without moves and where nobody said of one of them how likely it succeeds: realism is another question.
 fn probability(moves: &[ArrangeMove]) -> Option<f64> {
     let each: Option<Vec<f64>> = moves.iter().map(|m| m.placement.success).collect();
@@ -145,15 +150,22 @@ fn probability(moves: &[ArrangeMove]) -> Option<f64> {
 mod tests {
     use super::*;
 
+    fn step(success: Option<f64>) -> ArrangeMove {
+        let placement = serde_json::json!({
+            "placed_from_observed": repose_proto::RigidTransform::IDENTITY, "cost": 0.1, "relations": [], "geometric": [],
+            "clearance_m": 0.1, "support_m": 0.05, "realism": 0.9, "success": success,
+        });
+        serde_json::from_value(serde_json::json!({"object": 2, "purpose": "goal", "goal": [], "placement": placement})).unwrap()
+    }
+
+    #[test]
+    fn what_was_satisfied_is_so_no_more_once_it_is_moved_or_what_it_is_placed_by_is() {
+        // 2 was set aside, and 3 is placed by it.
+        assert_eq!([1, 2, 3].map(|object| is_left_satisfied(object, &[step(None)], &[3, 4])), [true, false, false]);
+    }
+
     #[test]
     fn only_where_every_move_tells_its_success_do_all_of_them() {
-        let step = |success: Option<f64>| -> ArrangeMove {
-            let placement = serde_json::json!({
-                "placed_from_observed": repose_proto::RigidTransform::IDENTITY, "cost": 0.1, "relations": [], "geometric": [],
-                "clearance_m": 0.1, "support_m": 0.05, "realism": 0.9, "success": success,
-            });
-            serde_json::from_value(serde_json::json!({"object": 2, "purpose": "goal", "goal": [], "placement": placement})).unwrap()
-        };
         assert_eq!(probability(&[step(Some(0.5)), step(Some(0.5))]), Some(0.25));
         assert_eq!(probability(&[step(Some(0.5)), step(None)]), None, "realism is not success");
         assert_eq!(probability(&[]), None);

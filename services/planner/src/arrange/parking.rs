@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use repose_proto::{GoalTerm, Relation};
+use repose_proto::{GoalTerm, Relation, limits};
 
 use crate::scene::prepared::PreparedScene;
 
@@ -15,7 +15,8 @@ const ANCHORS: usize = 3;
 /// others must still come to.
 pub fn places_aside(scene: &PreparedScene, object: u16, unsettled: &BTreeSet<u16>, keep_clear: &BTreeSet<u16>) -> Vec<Vec<GoalTerm>> {
     let Some(from) = scene.belief.objects.get(&object).map(|o| o.centroid) else { return Vec::new() };
-    let others = scene.belief.objects.iter().filter(|(id, _)| **id != object);
+    // Of what can be an anchor: a place beside an object of which too little was seen cannot be asked for.
+    let others = scene.belief.objects.iter().filter(|(id, _)| **id != object && scene.object(**id, "goal").is_ok());
     // What moves again is an anchor only where nothing else is there.
     let mut anchors: Vec<(bool, f64, u16)> =
         others.map(|(id, other)| (unsettled.contains(id), (other.centroid - from).xy().norm(), *id)).collect();
@@ -24,7 +25,23 @@ pub fn places_aside(scene: &PreparedScene, object: u16, unsettled: &BTreeSet<u16
         .iter()
         .filter(|id| **id != object && scene.belief.objects.contains_key(id))
         .map(|id| GoalTerm { relation: Relation::Near, anchor: *id, holds: false })
+        // With the side, as many as a placement may be asked for: to keep clear of most is better than to have no place.
+        .take(limits::MAX_GOAL_TERMS - 1)
         .collect();
     let side = |(relation, anchor): (Relation, u16)| [vec![GoalTerm { relation, anchor, holds: true }], clear.clone()].concat();
     anchors.into_iter().take(ANCHORS).flat_map(|(_, _, anchor)| SIDES.map(|relation| (relation, anchor))).map(side).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    #[test]
+    fn a_place_aside_is_asked_for_with_no_more_terms_than_a_placement_may_have() {
+        let row = (1..=20u16).fold(SceneBuilder::table(), |table, id| table.object(id, [-0.46 + 0.044 * f64::from(id), 0.0], [0.03; 3]));
+        let scene = row.prepared();
+        let goals = places_aside(&scene, 1, &BTreeSet::new(), &(2..=20).collect());
+        assert!(!goals.is_empty() && goals.iter().all(|goal| goal.len() == limits::MAX_GOAL_TERMS), "{goals:?}");
+    }
 }

@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use repose_geometry::ViewerFrame;
 use repose_proto::arrange::ArrangeRequest;
-use repose_proto::place::{Placement, Rejection};
-use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest};
+use repose_proto::place::{Budget, Outcome, Placement, Rejection};
+use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, limits};
 
 use crate::arrange::surroundings::surroundings;
 use crate::learned::models::PlacementModels;
@@ -94,12 +94,23 @@ impl<'a> Places<'a> {
     }
 
     /// Whether another table may be prepared after so many: as many as the searches that may be made now are worth, however many of those are known.
-    pub fn allows_tables(&mut self, prepared: u32) -> bool {
+    /// Time that has ended is noticed here too, and leaves one table, for a place that was found last.
+    ///
+    /// # Errors
+    /// `cancelled`.
+    pub fn allows_tables(&mut self, prepared: u32) -> Result<bool, CallError> {
+        let had_ended = self.ended == Some(PlacesEnd::Time);
+        match (self.control)(SearchStep::Batch) {
+            ControlFlow::Break(StopReason::Cancelled) => return Err(CallError::new(ErrorCode::Cancelled, "cancelled while searching")),
+            ControlFlow::Break(StopReason::Deadline) => self.ended = Some(PlacesEnd::Time),
+            ControlFlow::Continue(()) if self.left_ms() == Some(0) => self.ended = Some(PlacesEnd::Time),
+            ControlFlow::Continue(()) => {}
+        }
         let allowed = prepared < self.most_searches.saturating_mul(TABLES_A_SEARCH);
         if !allowed && self.ended.is_none() {
             self.ended = Some(PlacesEnd::Budget);
         }
-        allowed
+        Ok(allowed && !had_ended)
     }
 
     /// What ended it early, if anything.
@@ -112,7 +123,8 @@ impl<'a> Places<'a> {
         &self.weights_hash
     }
 
-    /// Places for an object on a table, best first; none where there is none, where too little is known of it, or where the search has ended.
+    /// Places for an object on a table, best first; none where there is none, where too little is known of it, where it has more terms than a placement
+    /// may be asked for, or where the search has ended.
     ///
     /// # Errors
     /// What the models answer, and `cancelled`.
@@ -129,12 +141,13 @@ impl<'a> Places<'a> {
         if let Some(known) = self.known.get(&key) {
             return Ok(known.clone());
         }
-        if self.tipping.contains(&object) {
+        // More terms than one search may have cannot be tried together, and a place that was tried for some of them is none.
+        if self.tipping.contains(&object) || terms.len() > limits::MAX_GOAL_TERMS {
             return Ok(Arc::default());
         }
-        let time_is_up = self.request.time_ms.is_some_and(|ms| self.started.elapsed() >= Duration::from_millis(ms));
-        if time_is_up || self.searches >= self.most_searches {
-            self.ended = Some(if time_is_up { PlacesEnd::Time } else { PlacesEnd::Budget });
+        let left_ms = self.left_ms();
+        if left_ms == Some(0) || self.searches >= self.most_searches {
+            self.ended = Some(if left_ms == Some(0) { PlacesEnd::Time } else { PlacesEnd::Budget });
             return Ok(Arc::default());
         }
         self.searches += 1;
@@ -147,6 +160,7 @@ impl<'a> Places<'a> {
             variant: self.request.variant,
             // How sure a move must be is for the whole arrangement to weigh.
             min_success: Some(0.0),
+            budget: Budget { time_ms: left_ms, ..Budget::default() },
             ..PlaceRequest::new(scene.scene_id.clone(), object, terms.to_vec())
         };
         let places = match plan(scene, &request, self.models, self.control) {
@@ -155,6 +169,10 @@ impl<'a> Places<'a> {
                 tracing::debug!(object, terms = %named.join(","), places = result.placements.len(), success, rejections = ?result.rejections, "searched");
                 if result.rejections.keys().eq([&Rejection::Tips]) {
                     self.tipping.insert(object);
+                }
+                if result.outcome == Outcome::Partial && result.placements.is_empty() {
+                    // It was not searched to the end: nobody knows whether there is none.
+                    self.ended = Some(PlacesEnd::Time);
                 }
                 self.weights_hash = result.weights_hash;
                 result.placements
@@ -170,5 +188,49 @@ impl<'a> Places<'a> {
         let places = Arc::new(places);
         self.known.insert(key, places.clone());
         Ok(places)
+    }
+
+    /// What is left of the request's time, milliseconds; none where it has no limit.
+    fn left_ms(&self) -> Option<u64> {
+        self.request.time_ms.map(|ms| ms.saturating_sub(self.started.elapsed().as_millis() as u64))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::place::Variant;
+
+    use super::*;
+    use crate::learned::models::NoModels;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    #[test]
+    fn a_stop_is_heard_between_tables_though_nothing_is_searched() {
+        let request = ArrangeRequest::new("a scene".to_owned(), Vec::new());
+        let stopping = |stop: StopReason| move |_: SearchStep| -> ControlFlow<StopReason> { ControlFlow::Break(stop) };
+        let mut control = stopping(StopReason::Deadline);
+        let mut places = Places::new(&request, ViewerFrame::from_yaw(0.0), &NoModels, &mut control);
+        assert_eq!([0, 1].map(|prepared| places.allows_tables(prepared).unwrap()), [true, false]);
+        assert_eq!(places.ended(), Some(PlacesEnd::Time));
+        let mut control = stopping(StopReason::Cancelled);
+        let mut places = Places::new(&request, ViewerFrame::from_yaw(0.0), &NoModels, &mut control);
+        assert_eq!(places.allows_tables(0).unwrap_err().code, ErrorCode::Cancelled);
+    }
+
+    #[test]
+    fn a_search_that_time_ended_without_a_place_does_not_say_that_there_is_none() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]);
+        let scene = Arc::new(scene.prepared());
+        let request = ArrangeRequest { variant: Variant::Geometric, ..ArrangeRequest::new(scene.scene_id.clone(), Vec::new()) };
+        let terms: Vec<GoalTerm> = ["left_of:1", "not:left_of:1"].map(|term| term.parse().unwrap()).to_vec();
+        for (stops, ended) in [(false, None), (true, Some(PlacesEnd::Time))] {
+            let mut control = |step: SearchStep| match step {
+                SearchStep::Iteration(_) if stops => ControlFlow::Break(StopReason::Deadline),
+                _ => ControlFlow::Continue(()),
+            };
+            let mut places = Places::new(&request, ViewerFrame::from_yaw(0.0), &NoModels, &mut control);
+            assert!(places.of(&scene, 2, &terms, 1).unwrap().is_empty());
+            assert_eq!(places.ended(), ended);
+        }
     }
 }

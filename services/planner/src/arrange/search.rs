@@ -334,7 +334,7 @@ impl<'a> Search<'a> {
 
     /// The table after a move; none where the object would stand on something that must move yet, or on what stands there, and be in the way.
     fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
-        if !self.places.allows_tables(self.tables.prepared()) {
+        if !self.places.allows_tables(self.tables.prepared())? {
             return Ok(None);
         }
         let scene = self.tables.after(&state.scene, step.object, &step.placement.placed_from_observed)?;
@@ -430,8 +430,7 @@ impl<'a> Search<'a> {
     /// Sets this object down aside, here or there, and goes on.
     fn solved_with_aside(&mut self, state: &State, object: u16, anchors: &BTreeSet<u16>, parkings: u32) -> Result<bool, CallError> {
         let unsettled = self.unsettled_without(state, object);
-        let mut others = unsettled.clone();
-        others.remove(&object);
+        let others = unsettled.iter().copied().filter(|other| *other != object).collect();
         let mut kept = 0;
         for goal in places_aside(&state.scene, object, &others, anchors) {
             let places = self.places(&state.scene, object, &goal, 1)?;
@@ -474,6 +473,9 @@ impl<'a> Search<'a> {
     /// Whether there would be room for whoever has none, if this object were not there.
     fn makes_room(&mut self, state: &State, other: u16, for_whom: Option<&WithoutRoom>) -> Result<bool, CallError> {
         let Some((object, terms)) = for_whom else { return Ok(true) };
+        if !self.places.allows_tables(self.tables.prepared())? {
+            return Ok(false);
+        }
         let scene = self.tables.without(&state.scene, other);
         Ok(!self.places(&scene, *object, terms, 1)?.is_empty())
     }

@@ -63,10 +63,12 @@ pub fn fill(
 
 /// Keeps the candidates that are at least `apart_m` from all those chosen.
 pub fn keep_apart(rest: &mut Vec<JudgedCandidate>, chosen: &[JudgedCandidate], apart_m: f64) {
-    rest.retain(|j| {
-        let at = j.candidate.centroid();
-        chosen.iter().all(|c| (c.candidate.centroid() - at).norm() >= apart_m)
-    });
+    rest.retain(|j| chosen.iter().all(|c| are_apart(&c.candidate, &j.candidate, apart_m)));
+}
+
+/// Whether two candidates can both be answers: their centroids are at least `apart_m` apart, and even where that is 0 they are not the same.
+pub fn are_apart(one: &CandidatePose, other: &CandidatePose, apart_m: f64) -> bool {
+    one != other && (one.centroid() - other.centroid()).norm() >= apart_m
 }
 
 /// All but the listed, by position.
@@ -110,10 +112,7 @@ pub fn shortlist(accepted: &[JudgedCandidate], count: usize, apart_m: f64, level
     let mut list: Vec<usize> = Vec::new();
     while list.len() < count && !levels.is_empty() {
         levels.retain_mut(|level| {
-            let apart = |i: &usize| {
-                let at = accepted[*i].candidate.centroid();
-                list.iter().all(|k| (accepted[*k].candidate.centroid() - at).norm() >= apart_m)
-            };
+            let apart = |i: &usize| list.iter().all(|k| are_apart(&accepted[*k].candidate, &accepted[*i].candidate, apart_m));
             let Some(next) = level.find(apart) else { return false };
             if list.len() < count {
                 list.push(next);

@@ -76,6 +76,20 @@ fn what_stands_on_an_object_is_set_down_first() {
 }
 
 #[test]
+fn what_is_set_aside_is_not_placed_by_an_object_of_which_too_little_was_seen() {
+    // A crumb is the nearest thing to 3 that stays where it is.
+    let scene = SceneBuilder::table()
+        .object(1, [0.2, 0.0], SMALL)
+        .object(2, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object_at(3, [-0.2, 0.0], 0.06, [0.05, 0.05, 0.05])
+        .object(9, [-0.2, -0.15], [0.006; 3])
+        .scene();
+    let result = arranged(&scene, &[(2, &["right_of:1"])]);
+    assert_eq!(result.outcome, Outcome::Found, "{result:?}");
+    assert!(result.moves.iter().all(|m| m.goal.iter().all(|term| term.anchor != 9)), "{result:?}");
+}
+
+#[test]
 fn a_stack_is_taken_down_from_its_top_for_what_stands_lowest() {
     let scene = SceneBuilder::table()
         .object(1, [0.1, 0.0], SMALL)
