@@ -4,13 +4,13 @@
 //! heard, and counted: a recording slows nobody down, and says what it lacks.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
-use repose_proto::{JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
+use repose_proto::{ErrorCode, JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
 use repose_runtime::{
     COPIES_WAIT, CallOptions, Caller, Sample, Session, Shutdown, Subscription, fetch_scene_payload, now_ns, yield_to_messages,
 };
@@ -76,7 +76,7 @@ pub async fn record(
         frame_due: BTreeMap::new(),
         picture_due: BTreeMap::new(),
         scene_due: BTreeMap::new(),
-        asked_for: AskedFor::default(),
+        asked_for: Arc::default(),
         turns,
     };
     let mut recorder = Some(session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?);
@@ -201,7 +201,7 @@ struct Capture {
     frame_due: BTreeMap<String, Instant>,
     picture_due: BTreeMap<String, Instant>,
     scene_due: BTreeMap<String, Instant>,
-    asked_for: AskedFor,
+    asked_for: Arc<Mutex<AskedFor>>,
     /// How often the writer has turned to the next file.
     turns: Arc<AtomicUsize>,
 }
@@ -220,6 +220,13 @@ impl AskedFor {
             self.0.clear();
         }
         self.0.insert(scene_id.to_owned(), file)
+    }
+
+    /// Takes note that a scene could not be fetched: it is tried again when it is asked about next. One that nobody has stays noted.
+    fn failed(&mut self, scene_id: &str, code: ErrorCode) {
+        if code != ErrorCode::NotFound {
+            self.0.remove(scene_id);
+        }
     }
 }
 
@@ -263,7 +270,7 @@ impl Capture {
     /// Fetches a scene, once a file: of those in the files before, the writer has the last few at hand and no others.
     fn fetch(&mut self, scene_id: String) {
         let file = self.turns.load(Ordering::Relaxed);
-        let before = self.asked_for.again(&scene_id, file);
+        let before = self.asked_for.lock().unwrap_or_else(PoisonError::into_inner).again(&scene_id, file);
         if before.is_some() {
             // The file may be another one by now.
             let captured = Captured::Asked { scene_id: scene_id.clone() };
@@ -275,6 +282,7 @@ impl Capture {
             return;
         }
         let (perception, to_file, lost) = (self.perception.clone(), self.to_file.clone(), self.lost.clone());
+        let asked_for = self.asked_for.clone();
         tokio::spawn(async move {
             // As it is read again: not packed.
             let request = SceneRequest::new(scene_id.clone());
@@ -285,7 +293,10 @@ impl Capture {
                     }
                 }
                 // Whoever asked about it may have sent it along: then it is in the recording with the call.
-                Err(error) => tracing::debug!(scene_id, %error, "a scene cannot be fetched"),
+                Err(error) => {
+                    tracing::debug!(scene_id, %error, "a scene cannot be fetched");
+                    asked_for.lock().unwrap_or_else(PoisonError::into_inner).failed(&scene_id, error.code);
+                }
             }
         });
     }
@@ -328,6 +339,16 @@ mod tests {
         let fetched = files.map(|file| asked_for.again("one", file) != Some(file));
         assert_eq!(fetched, [true, false, false, true, false, true]);
         assert_eq!(asked_for.again("another", 3), None, "nobody has before");
+    }
+
+    #[test]
+    fn a_scene_that_did_not_come_is_fetched_again_when_it_is_asked_about_next_and_one_that_nobody_has_is_not() {
+        let mut asked_for = AskedFor::default();
+        for (scene, code, next) in [("busy", ErrorCode::ResourceExhausted, None), ("forgotten", ErrorCode::NotFound, Some(0))] {
+            asked_for.again(scene, 0);
+            asked_for.failed(scene, code);
+            assert_eq!(asked_for.again(scene, 0), next, "{scene}");
+        }
     }
 
     #[test]
