@@ -261,10 +261,7 @@ impl Capture {
     }
 
     fn keep(&self, kind: &'static str, sample: Sample, is_drawn: bool) {
-        let captured = Captured::Sample { kind, sample, at_ns: now_ns(), is_drawn };
-        if self.to_file.try_send(captured).is_err() {
-            self.lost.add(kind, 1);
-        }
+        hand_over(&self.to_file, &self.lost, kind, Captured::Sample { kind, sample, at_ns: now_ns(), is_drawn });
     }
 
     /// Fetches a scene, once a file: of those in the files before, the writer has the last few at hand and no others.
@@ -273,10 +270,7 @@ impl Capture {
         let before = self.asked_for.lock().unwrap_or_else(PoisonError::into_inner).again(&scene_id, file);
         if before.is_some() {
             // The file may be another one by now.
-            let captured = Captured::Asked { scene_id: scene_id.clone() };
-            if self.to_file.try_send(captured).is_err() {
-                self.lost.add("scenes", 1);
-            }
+            hand_over(&self.to_file, &self.lost, "scenes", Captured::Asked { scene_id: scene_id.clone() });
         }
         if before == Some(file) {
             return;
@@ -286,20 +280,32 @@ impl Capture {
         tokio::spawn(async move {
             // As it is read again: not packed.
             let request = SceneRequest::new(scene_id.clone());
-            match fetch_scene_payload(&perception, &request, &CallOptions::within(SCENE_WITHIN)).await {
+            let failed = match fetch_scene_payload(&perception, &request, &CallOptions::within(SCENE_WITHIN)).await {
                 Ok(payload) => {
-                    if to_file.send(Captured::Scene { scene_id, payload, at_ns: now_ns() }).await.is_err() {
-                        lost.add("scenes", 1);
-                    }
+                    let captured = Captured::Scene { scene_id: scene_id.clone(), payload, at_ns: now_ns() };
+                    // It does not wait for room: while a disk stalls, scenes of megabytes would gather here without end.
+                    (!hand_over(&to_file, &lost, "scenes", captured)).then_some(ErrorCode::ResourceExhausted)
                 }
                 // Whoever asked about it may have sent it along: then it is in the recording with the call.
                 Err(error) => {
                     tracing::debug!(scene_id, %error, "a scene cannot be fetched");
-                    asked_for.lock().unwrap_or_else(PoisonError::into_inner).failed(&scene_id, error.code);
+                    Some(error.code)
                 }
+            };
+            if let Some(code) = failed {
+                asked_for.lock().unwrap_or_else(PoisonError::into_inner).failed(&scene_id, code);
             }
         });
     }
+}
+
+/// Gives something to the file, where it has room for it; otherwise it is lost. Whether it had.
+fn hand_over(to_file: &mpsc::Sender<Captured>, lost: &LostMessages, kind: &'static str, captured: Captured) -> bool {
+    let has_room = to_file.try_send(captured).is_ok();
+    if !has_room {
+        lost.add(kind, 1);
+    }
+    has_room
 }
 
 /// Whether the next message of a key may be kept, and from when on the one after it.
@@ -349,6 +355,17 @@ mod tests {
             asked_for.failed(scene, code);
             assert_eq!(asked_for.again(scene, 0), next, "{scene}");
         }
+    }
+
+    #[test]
+    fn what_the_file_has_no_room_for_is_counted_and_waits_for_none() {
+        let ((to_file, _captured), lost) = (mpsc::channel(1), LostMessages::default());
+        let scene = || {
+            let payload = Payload { encoding: String::new(), bytes: Vec::new().into() };
+            Captured::Scene { scene_id: "one".to_owned(), payload, at_ns: 0 }
+        };
+        let taken = [hand_over(&to_file, &lost, "scenes", scene()), hand_over(&to_file, &lost, "scenes", scene())];
+        assert_eq!((taken, lost.by_kind()), ([true, false], BTreeMap::from([("scenes", 1)])));
     }
 
     #[test]
