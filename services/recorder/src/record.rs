@@ -129,10 +129,11 @@ fn begin_writing(
     writing
 }
 
-/// The workers alive that do not copy their calls, after some time.
+/// The workers alive in the cell that do not copy their calls, after some time. Those of its pool are not among them: they copy calls for whoever
+/// records the pool.
 async fn silent(session: &Session) -> Result<Vec<String>, RecordingError> {
     let mut callers = Vec::new();
-    for service in Service::ALL {
+    for service in Service::ALL.into_iter().filter(|service| session.pool().is_none() || !service.is_poolable()) {
         callers.push((service, session.caller(service).await?));
     }
     let mut loads = session.subscribe_queue(&session.cell().all_loads(), WAITING).await?;
@@ -336,7 +337,31 @@ fn scene_asked_about(payload: &Payload) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use async_trait::async_trait;
+    use repose_proto::CallError;
+    use repose_runtime::{Call, Handler, RuntimeConfig};
+
     use super::*;
+
+    struct Idle;
+
+    #[async_trait]
+    impl Handler for Idle {
+        async fn call(&self, call: Call) -> Result<Payload, CallError> {
+            Err(call.unknown_method())
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_pools_workers_are_not_taken_for_some_that_cannot_copy_calls() {
+        let mut config = RuntimeConfig::default();
+        config.caller.pool = Some("rack".to_owned());
+        let session = Session::open(config).await.expect("a session");
+        let rack = session.in_cell("rack").expect("a cell");
+        let _planner = rack.start(Service::Planner, Arc::new(Idle)).await.expect("a worker");
+        session.caller(Service::Planner).await.expect("a caller").wait_for_workers(1, SCENE_WITHIN).await.expect("it is seen");
+        assert_eq!(silent(&session).await.expect("heard"), Vec::<String>::new());
+    }
 
     #[test]
     fn a_scene_is_fetched_again_for_each_file_in_which_somebody_asks_about_it() {
