@@ -285,7 +285,17 @@ impl Scene {
     /// The scene's id: BLAKE3 of its canonical bulk form without stamp and camera name. That is the tensors `points`, `labels` and `colors` and the
     /// metadata entry `scene`, as it was sent: a receiver that knows fewer of its fields finds the same id. Costs a copy of the scene: keep it.
     pub fn id(&self) -> String {
-        blake3::hash(&self.content().encode()).to_hex().to_string()
+        self.id_in(self.description())
+    }
+
+    /// Whether a scene goes by that id: in the words in which it was sent, or in those of this release, which a client that reads a scene and writes
+    /// it anew, with fields in another order or numbers spelt otherwise, need not keep.
+    pub fn goes_by(&self, id: &str) -> bool {
+        self.id() == id || (self.as_sent.is_some() && self.id_in(written(&self.meta)) == id)
+    }
+
+    fn id_in(&self, description: String) -> String {
+        blake3::hash(&self.content(description).encode()).to_hex().to_string()
     }
 
     /// The points of one object, in cloud order.
@@ -313,13 +323,13 @@ impl Scene {
 
     /// The bulk form.
     pub fn to_bulk(&self) -> Bulk {
-        let mut bulk = self.content();
+        let mut bulk = self.content(self.description());
         bulk.metadata.insert("camera".to_owned(), self.camera_name.clone());
         bulk.metadata.insert("stamp_ns".to_owned(), self.stamp_ns.to_string());
         bulk
     }
 
-    fn content(&self) -> Bulk {
+    fn content(&self, description: String) -> Bulk {
         let n = self.points.len();
         let mut bulk = Bulk::default();
         bulk.tensors.insert("points".to_owned(), Tensor::f32(&[n, 3], self.points.as_flattened()));
@@ -327,7 +337,7 @@ impl Scene {
         if let Some(colors) = &self.colors {
             bulk.tensors.insert("colors".to_owned(), Tensor::u8(&[n, 3], colors.as_flattened()));
         }
-        bulk.metadata.insert("scene".to_owned(), self.description());
+        bulk.metadata.insert("scene".to_owned(), description);
         bulk
     }
 

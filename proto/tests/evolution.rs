@@ -97,6 +97,13 @@ fn a_scene_of_a_newer_perception_has_its_id_at_receivers_that_know_less_of_it_an
     let (request, handed_on) = repose_proto::enclosed::disclose::<PlaceRequest>(&enclosed).expect("a request");
     assert_eq!(handed_on.map(|scene| scene.id()), Some(request.scene.scene_id));
 
+    // A client may have written it anew in its own way, and goes on calling it as perception does.
+    let mut spelt_anew = bulk.clone();
+    spelt_anew.metadata.insert("scene".to_owned(), format!(" {}", bulk.metadata["scene"]));
+    let spelt_anew = Scene::from_bulk(&spelt_anew).expect("a scene");
+    assert!(spelt_anew.goes_by(&id_of(&bulk)) && spelt_anew.goes_by(&spelt_anew.id()) && spelt_anew.id() != id_of(&bulk));
+    assert!(!spelt_anew.goes_by(&came.id()) && !came.goes_by(&id_of(&bulk).replace('0', "1")));
+
     // What is made of it says for itself.
     let mut turned = came;
     turned.meta.view_yaw_rad += 0.5;

@@ -107,11 +107,10 @@ impl<T> SceneStore<T> {
 /// # Errors
 /// `invalid_argument` on `scene.scene_id`.
 pub fn check_scene_id(scene: &Scene, scene_id: &str) -> Result<(), CallError> {
-    let actual = scene.id();
-    if actual == scene_id {
+    if scene.goes_by(scene_id) {
         return Ok(());
     }
-    Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")))
+    Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {}, not {scene_id}", scene.id())))
 }
 
 /// The newest scene of a camera, in short, from the perception worker that owns it.
