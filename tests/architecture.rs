@@ -149,6 +149,17 @@ fn clients_stop_robots_and_find_scenes_by_the_runtimes_functions() {
 }
 
 #[test]
+fn whoever_serves_over_http_lets_silent_connections_go() {
+    for (name, member) in members() {
+        for (path, text) in sources(&member.dir.join("src")) {
+            let forgotten =
+                code(&text).lines().any(|line| line.contains("axum::serve(") && !line.contains("axum::serve(silence::Listener("));
+            assert!(!forgotten, "{} of {name} keeps silent connections for ever: serve over repose_runtime::silence", path.display());
+        }
+    }
+}
+
+#[test]
 fn a_service_depends_on_no_other_service() {
     for (name, member) in members() {
         let is_service = SERVICES.contains(&name.as_str());

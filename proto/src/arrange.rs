@@ -119,6 +119,7 @@ impl Message for ArrangeRequest {
             validate_terms(&goal.terms, goal.object, &format!("{field}.terms"))?;
         }
         check_finite("view_yaw_rad", self.view_yaw_rad.as_slice())?;
+        self.robot.as_ref().map_or(Ok(()), |robot| robot.validate("robot"))?;
         check_range("max_parkings", f64::from(self.max_parkings), 0.0..=4.0)?;
         check_range("alternatives", f64::from(self.alternatives), 1.0..=16.0)?;
         check_range("max_searches", f64::from(self.max_searches), 1.0..=1000.0)?;

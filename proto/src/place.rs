@@ -141,6 +141,17 @@ pub struct ReachingRobot {
     pub world_from_base: Option<RigidTransform>,
 }
 
+impl ReachingRobot {
+    /// Checks the name and the pose.
+    ///
+    /// # Errors
+    /// `invalid_argument` that names the field below `field`.
+    pub fn validate(&self, field: &str) -> Result<(), CallError> {
+        validate_chunk(&format!("{field}.name"), &self.name)?;
+        self.world_from_base.as_ref().map_or(Ok(()), |pose| pose.validate(&format!("{field}.world_from_base")))
+    }
+}
+
 fn one() -> u32 {
     1
 }
@@ -240,10 +251,7 @@ impl Message for PlaceRequest {
         self.min_separation_m.map_or(Ok(()), |v| check_range("min_separation_m", v, 0.0..=limits::MAX_SEPARATION_M))?;
         self.min_clearance_m.map_or(Ok(()), |v| check_range("min_clearance_m", v, 0.0..=limits::MAX_CLEARANCE_M))?;
         self.min_success.map_or(Ok(()), |v| check_range("min_success", v, 0.0..=1.0))?;
-        if let Some(robot) = &self.robot {
-            validate_chunk("robot.name", &robot.name)?;
-            robot.world_from_base.as_ref().map_or(Ok(()), |pose| pose.validate("robot.world_from_base"))?;
-        }
+        self.robot.as_ref().map_or(Ok(()), |robot| robot.validate("robot"))?;
         for (i, region) in self.region.iter().enumerate() {
             check_finite(&format!("region[{i}].min_m"), &region.min_m)?;
             check_finite(&format!("region[{i}].max_m"), &region.max_m)?;

@@ -1,5 +1,7 @@
 //! A segmented scene: what perception makes of a frame, and what everything after it plans on.
 
+use std::sync::Arc;
+
 use safetensors::Dtype;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -271,15 +273,29 @@ pub struct Scene {
     pub colors: Option<Vec<[u8; 3]>>,
     /// Everything else.
     pub meta: SceneMeta,
+    /// `meta` in the words of its sender, JSON, where those are not what is written here of it: a newer perception says more than is read. It
+    /// goes along with the scene and is part of its id for as long as `meta` is what it says; a scene that is made here has none.
+    pub as_sent: Option<Arc<str>>,
 }
 
 impl Scene {
     /// The bulk schema's name.
     pub const SCHEMA: &'static str = "Scene.v1";
 
-    /// The scene's id: BLAKE3 of its canonical bulk form without stamp and camera name. Costs a copy of the scene: keep it.
+    /// The scene's id: BLAKE3 of its canonical bulk form without stamp and camera name. That is the tensors `points`, `labels` and `colors` and the
+    /// metadata entry `scene`, as it was sent: a receiver that knows fewer of its fields finds the same id. Costs a copy of the scene: keep it.
     pub fn id(&self) -> String {
-        blake3::hash(&self.content().encode()).to_hex().to_string()
+        self.id_in(self.description())
+    }
+
+    /// Whether a scene goes by that id: in the words in which it was sent, or in those of this release, which a client that reads a scene and writes
+    /// it anew, with fields in another order or numbers spelt otherwise, need not keep.
+    pub fn goes_by(&self, id: &str) -> bool {
+        self.id() == id || (self.as_sent.is_some() && self.id_in(written(&self.meta)) == id)
+    }
+
+    fn id_in(&self, description: String) -> String {
+        blake3::hash(&self.content(description).encode()).to_hex().to_string()
     }
 
     /// The points of one object, in cloud order.
@@ -307,13 +323,13 @@ impl Scene {
 
     /// The bulk form.
     pub fn to_bulk(&self) -> Bulk {
-        let mut bulk = self.content();
+        let mut bulk = self.content(self.description());
         bulk.metadata.insert("camera".to_owned(), self.camera_name.clone());
         bulk.metadata.insert("stamp_ns".to_owned(), self.stamp_ns.to_string());
         bulk
     }
 
-    fn content(&self) -> Bulk {
+    fn content(&self, description: String) -> Bulk {
         let n = self.points.len();
         let mut bulk = Bulk::default();
         bulk.tensors.insert("points".to_owned(), Tensor::f32(&[n, 3], self.points.as_flattened()));
@@ -321,8 +337,14 @@ impl Scene {
         if let Some(colors) = &self.colors {
             bulk.tensors.insert("colors".to_owned(), Tensor::u8(&[n, 3], colors.as_flattened()));
         }
-        bulk.metadata.insert("scene".to_owned(), serde_json::to_string(&self.meta).unwrap_or_default());
+        bulk.metadata.insert("scene".to_owned(), description);
         bulk
+    }
+
+    /// `meta` as it was sent, unless it has been changed since.
+    fn description(&self) -> String {
+        let says_so = |text: &&str| crate::message::from_json::<SceneMeta>(text.as_bytes()).is_ok_and(|meta| meta == self.meta);
+        self.as_sent.as_deref().filter(says_so).map_or_else(|| written(&self.meta), str::to_owned)
     }
 
     /// Reads and checks the bulk form. Metadata of objects that have no points is refused, and so are a cloud without points, points and
@@ -349,7 +371,8 @@ impl Scene {
             }
             false => None,
         };
-        let meta: SceneMeta = crate::message::from_json(bulk.text("scene")?.as_bytes())?;
+        let description = bulk.text("scene")?;
+        let meta: SceneMeta = crate::message::from_json(description.as_bytes())?;
         meta.camera.validate()?;
         if meta.camera.world_from_camera.is_none() {
             return Err(CallError::invalid("scene.camera.world_from_camera", "a scene's camera must have a pose"));
@@ -381,8 +404,14 @@ impl Scene {
         }
         let camera_name = bulk.text("camera")?.to_owned();
         crate::keys::validate_chunk("camera", &camera_name)?;
-        Ok(Self { camera_name, stamp_ns: crate::frame::parse_stamp(bulk)?, points, labels, colors, meta })
+        let as_sent = (description != written(&meta)).then(|| description.into());
+        Ok(Self { camera_name, stamp_ns: crate::frame::parse_stamp(bulk)?, points, labels, colors, meta, as_sent })
     }
+}
+
+/// The metadata entry `scene` as this release writes it.
+fn written(meta: &SceneMeta) -> String {
+    serde_json::to_string(meta).unwrap_or_default()
 }
 
 /// A scene without its points: what `scene/{camera}` carries and `latest` returns.

@@ -54,6 +54,17 @@ fn a_place_request_names_the_field_at_fault() {
 }
 
 #[test]
+fn an_arrange_request_names_what_is_wrong_with_its_robot_as_a_place_request_does() {
+    let with = |name: &str, pose: Option<RigidTransform>| {
+        let robot = Some(place::ReachingRobot { name: name.to_owned(), world_from_base: pose });
+        ArrangeRequest { robot, ..arrange_request() }.validate()
+    };
+    assert_eq!(with("arm", Some(RigidTransform::IDENTITY)), Ok(()));
+    assert_eq!(field(&with("Arm 1", None).unwrap_err()), "robot.name");
+    assert_eq!(field(&with("arm", Some(RigidTransform([0.0; 16]))).unwrap_err()), "robot.world_from_base");
+}
+
+#[test]
 fn numbers_that_are_not_finite_are_refused() {
     let not_json = Payload { encoding: "application/json;repose.PlaceRequest.v1".into(), bytes: Bytes::from_static(b"{\"query\": NaN}") };
     assert_eq!(field(&not_json.decode_json::<PlaceRequest>().unwrap_err()), "query");

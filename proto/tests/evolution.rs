@@ -56,11 +56,10 @@ fn receivers_ignore_what_a_newer_sender_adds_to_states_summaries_attachments_and
     ignores::<Truth>("Truth");
 }
 
-#[test]
-fn receivers_ignore_what_a_newer_sender_adds_to_a_scenes_metadata() {
+/// The golden scene, and the same with what a later release may say beside.
+fn scene_and_newer() -> (Bulk, Bulk) {
     let bytes = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/Scene.v1.safetensors")).expect("a golden scene");
     let bulk = Bulk::decode(&bytes).expect("bulk form");
-    let scene = Scene::from_bulk(&bulk).expect("a scene");
     let mut newer = bulk.clone();
     newer.metadata.insert("of_a_later_release".to_owned(), "anything".to_owned());
     let mut changed = 0;
@@ -72,7 +71,46 @@ fn receivers_ignore_what_a_newer_sender_adds_to_a_scenes_metadata() {
         }
     }
     assert!(changed > 0, "a scene has metadata in JSON");
-    assert_eq!(Scene::from_bulk(&newer).expect("a scene"), scene);
+    (bulk, newer)
+}
+
+#[test]
+fn receivers_ignore_what_a_newer_sender_adds_to_a_scenes_metadata() {
+    let (bulk, newer) = scene_and_newer();
+    let came = Scene::from_bulk(&newer).expect("a scene");
+    assert_eq!(Scene { as_sent: None, ..came }, Scene::from_bulk(&bulk).expect("a scene"));
+}
+
+#[test]
+fn a_scene_of_a_newer_perception_has_its_id_at_receivers_that_know_less_of_it_and_is_handed_on_whole() {
+    let (bulk, newer) = scene_and_newer();
+    let id_of = |bulk: &Bulk| {
+        let mut content = bulk.clone();
+        content.metadata.retain(|name, _| name == "scene");
+        blake3::hash(&content.encode()).to_hex().to_string()
+    };
+    let came = Scene::from_bulk(&newer).expect("a scene");
+    assert_eq!(came.id(), id_of(&newer));
+    let payload = Payload::with_scene(&PlaceRequest::new(came.id(), 1, vec!["near:2".parse().expect("a term")]), Some(&came));
+    let enclosed = payload.and_then(|payload| payload.decode_bulk(PlaceRequest::SCHEMA)).expect("bulk form");
+    assert_eq!(enclosed.metadata["scene"], newer.metadata["scene"]);
+    let (request, handed_on) = repose_proto::enclosed::disclose::<PlaceRequest>(&enclosed).expect("a request");
+    assert_eq!(handed_on.map(|scene| scene.id()), Some(request.scene.scene_id));
+
+    // A client may have written it anew in its own way, and goes on calling it as perception does.
+    let mut spelt_anew = bulk.clone();
+    spelt_anew.metadata.insert("scene".to_owned(), format!(" {}", bulk.metadata["scene"]));
+    let spelt_anew = Scene::from_bulk(&spelt_anew).expect("a scene");
+    assert!(spelt_anew.goes_by(&id_of(&bulk)) && spelt_anew.goes_by(&spelt_anew.id()) && spelt_anew.id() != id_of(&bulk));
+    assert!(!spelt_anew.goes_by(&came.id()) && !came.goes_by(&id_of(&bulk).replace('0', "1")));
+
+    // What is made of it says for itself.
+    let mut turned = came;
+    turned.meta.view_yaw_rad += 0.5;
+    let own = Scene { as_sent: None, ..turned.clone() };
+    assert_eq!((turned.id(), turned.to_bulk()), (own.id(), own.to_bulk()));
+    let known = Scene::from_bulk(&bulk).expect("a scene");
+    assert_eq!((known.as_sent.as_deref(), known.id()), (None, id_of(&bulk)));
 }
 
 #[test]

@@ -89,6 +89,7 @@ pub fn scene() -> Scene {
             left_out: Vec::new(),
             warnings: Vec::new(),
         },
+        as_sent: None,
     }
 }
 

@@ -113,6 +113,22 @@ mod tests {
     }
 
     #[test]
+    fn a_worker_takes_more_calls_than_its_queue_and_threads_so_that_interactive_ones_come_to_displace_batch_ones() {
+        let (open, configs) = (WorkerConfig::default().max_open_calls, ServiceConfigs::default());
+        let ServiceConfigs { perception, inference, planner, motion, simulator, .. } = configs;
+        let taken = [
+            (Service::Perception, perception.queue_capacity + perception.threads),
+            (Service::Inference, inference.queue_capacity + inference.max_batch),
+            (Service::Planner, planner.queue_capacity + planner.threads),
+            (Service::Motion, motion.queue + motion.threads),
+            (Service::Simulator, simulator.queue),
+        ];
+        for (service, taken) in taken {
+            assert!(taken < open, "{service}: {taken} of {open}");
+        }
+    }
+
+    #[test]
     fn a_zone_that_is_turned_inside_out_is_refused_by_its_field() {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(&file, "[motion]\nkeep_out = [{name = \"shelf\", min_m = [1, 0, 0], max_m = [0, 1, 1]}]\n").unwrap();

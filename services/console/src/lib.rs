@@ -12,7 +12,6 @@ pub mod config;
 pub mod endpoints;
 pub mod messages;
 pub mod page;
-pub mod silence;
 pub mod stage;
 pub mod system;
 pub mod tls;
@@ -22,7 +21,7 @@ pub mod viewers;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use repose_runtime::{RuntimeError, Session, Shutdown};
+use repose_runtime::{RuntimeError, Session, Shutdown, silence};
 use tokio::net::TcpListener;
 
 pub use config::ConsoleConfig;
@@ -108,8 +107,8 @@ impl Console {
         match self.tls {
             None => axum::serve(silence::Listener(self.listener), pages).with_graceful_shutdown(ended).await?,
             Some(acceptor) => {
-                let listener = silence::Listener(tls::Listener::new(self.listener, acceptor)?);
-                axum::serve(listener, pages).with_graceful_shutdown(ended).await?;
+                let listener = tls::Listener::new(self.listener, acceptor)?;
+                axum::serve(silence::Listener(listener), pages).with_graceful_shutdown(ended).await?;
             }
         }
         Ok(())

@@ -73,7 +73,7 @@ impl HeldScene {
     /// Roughly how much memory the scene and its preparations take, bytes.
     pub fn bytes(&self) -> usize {
         // Points, labels and colors, and about as much again for each preparation.
-        self.scene.points.len() * 17 * (1 + VIEWERS)
+        self.scene.points.len() * 17 * (1 + VIEWERS) + self.scene.as_sent.as_ref().map_or(0, |text| text.len())
     }
 }
 
@@ -107,6 +107,6 @@ pub(crate) mod tests {
             warnings: Vec::new(),
         };
         let points_m = vec![[x, 0.0, 0.0]; points];
-        Scene { camera_name: "front".to_owned(), stamp_ns: 0, labels: vec![1; points], points: points_m, colors: None, meta }
+        Scene { camera_name: "front".to_owned(), stamp_ns: 0, labels: vec![1; points], points: points_m, colors: None, meta, as_sent: None }
     }
 }

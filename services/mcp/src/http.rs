@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use repose_proto::CallError;
-use repose_runtime::{AccessToken, Shutdown, is_own_host};
+use repose_runtime::{AccessToken, Shutdown, is_own_host, silence};
 use tokio::net::TcpListener;
 
 use crate::McpError;
@@ -76,7 +76,8 @@ impl BoundServer {
             shutdown.requested().await;
             ending.cancel();
         };
-        axum::serve(self.listener, routes).with_graceful_shutdown(ended).await.map_err(|e| McpError::Serve(e.to_string()))
+        let served = axum::serve(silence::Listener(self.listener), routes).with_graceful_shutdown(ended).await;
+        served.map_err(|e| McpError::Serve(e.to_string()))
     }
 }
 

@@ -119,6 +119,7 @@ pub fn wire_scene(stamp_ns: u64) -> Scene {
             left_out: Vec::new(),
             warnings: Vec::new(),
         },
+        as_sent: None,
     }
 }
 

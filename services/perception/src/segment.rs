@@ -120,7 +120,7 @@ fn scene(view: DepthView, frame: &Frame, masks: &CleanMasks, surfaces: Vec<Suppo
         warnings,
     };
     let (camera_name, stamp_ns) = (frame.camera_name.clone(), frame.stamp_ns);
-    Scene { camera_name, stamp_ns, points: cloud.points, labels: cloud.labels, colors: cloud.colors, meta }
+    Scene { camera_name, stamp_ns, points: cloud.points, labels: cloud.labels, colors: cloud.colors, meta, as_sent: None }
 }
 
 /// The objects as the scene tells of them, to a micrometre; those that were `found` with how sure that is.

@@ -37,7 +37,7 @@
 //! #     warnings: Vec::new(),
 //! # };
 //! # let (points, labels) = points.into_iter().unzip();
-//! let scene = Scene { camera_name: "table".to_owned(), stamp_ns: 0, points, labels, colors: None, meta };
+//! let scene = Scene { camera_name: "table".to_owned(), stamp_ns: 0, points, labels, colors: None, meta, as_sent: None };
 //! let prepared = PreparedScene::new(Arc::new(scene));
 //!
 //! // Where can cube 2 stand to the right of cube 1? By geometry, without networks.

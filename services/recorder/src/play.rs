@@ -173,7 +173,15 @@ impl Player<'_> {
             let scene = Scene::from_bulk(&decoded.decode_bulk(Scene::SCHEMA)?)?;
             Ok::<_, CallError>(scene.summary(scene.id()))
         });
-        let summary = scene.await.map_err(|e| CallError::internal(format!("the scene was lost: {e}")))??;
+        let summary = match scene.await.map_err(|e| CallError::internal(format!("the scene was lost: {e}")))? {
+            Ok(summary) => summary,
+            // As a later release may have made it. What else was recorded is played all the same.
+            Err(error) => {
+                tracing::warn!(%error, "a scene cannot be read and is left out");
+                self.count("unreadable");
+                return Ok(());
+            }
+        };
         let Some(summary) = self.scenes.came(summary, payload) else { return Ok(()) };
         let key = self.cell.scene(&summary.camera);
         self.session.put(&key, Payload::json(&summary)?, Traffic::Scene).await?;
@@ -323,6 +331,18 @@ mod tests {
         // Nobody announced it, as scenes that a caller had made.
         assert_eq!(came("e", 4), Some("e".to_owned()));
         assert!(is_newest("e"));
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_scene_that_cannot_be_read_is_left_out_and_said() {
+        let session = Session::embedded().await.expect("a session");
+        let (cell, scenes) = (session.cell().clone(), Arc::<Scenes>::default());
+        let (timeline, played) = (Timeline::default(), Played::default());
+        let mut player = Player { session: &session, cell, scenes, speed: 1.0, begun: None, timeline, played };
+        let topic = format!("repose/v1/lab/{SCENE_TOPIC}");
+        let payload = Payload { encoding: "application/octet-stream;repose.Scene.v1".to_owned(), bytes: vec![0; 64].into() };
+        player.message(RecordedMessage { topic, at_ns: 0, payload }).await.expect("the next message is played");
+        assert_eq!(player.played.messages, BTreeMap::from([("unreadable", 1)]));
     }
 
     #[test]

@@ -4,13 +4,13 @@
 //! heard, and counted: a recording slows nobody down, and says what it lacks.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
-use repose_proto::{JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
+use repose_proto::{ErrorCode, JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
 use repose_runtime::{
     COPIES_WAIT, CallOptions, Caller, Sample, Session, Shutdown, Subscription, fetch_scene_payload, now_ns, yield_to_messages,
 };
@@ -76,7 +76,7 @@ pub async fn record(
         frame_due: BTreeMap::new(),
         picture_due: BTreeMap::new(),
         scene_due: BTreeMap::new(),
-        asked_for: AskedFor::default(),
+        asked_for: Arc::default(),
         turns,
     };
     let mut recorder = Some(session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?);
@@ -129,10 +129,11 @@ fn begin_writing(
     writing
 }
 
-/// The workers alive that do not copy their calls, after some time.
+/// The workers alive in the cell that do not copy their calls, after some time. Those of its pool are not among them: they copy calls for whoever
+/// records the pool.
 async fn silent(session: &Session) -> Result<Vec<String>, RecordingError> {
     let mut callers = Vec::new();
-    for service in Service::ALL {
+    for service in Service::ALL.into_iter().filter(|service| session.pool().is_none() || !service.is_poolable()) {
         callers.push((service, session.caller(service).await?));
     }
     let mut loads = session.subscribe_queue(&session.cell().all_loads(), WAITING).await?;
@@ -201,7 +202,7 @@ struct Capture {
     frame_due: BTreeMap<String, Instant>,
     picture_due: BTreeMap<String, Instant>,
     scene_due: BTreeMap<String, Instant>,
-    asked_for: AskedFor,
+    asked_for: Arc<Mutex<AskedFor>>,
     /// How often the writer has turned to the next file.
     turns: Arc<AtomicUsize>,
 }
@@ -220,6 +221,13 @@ impl AskedFor {
             self.0.clear();
         }
         self.0.insert(scene_id.to_owned(), file)
+    }
+
+    /// Takes note that a scene could not be fetched: it is tried again when it is asked about next. One that nobody has stays noted.
+    fn failed(&mut self, scene_id: &str, code: ErrorCode) {
+        if code != ErrorCode::NotFound {
+            self.0.remove(scene_id);
+        }
     }
 }
 
@@ -254,41 +262,51 @@ impl Capture {
     }
 
     fn keep(&self, kind: &'static str, sample: Sample, is_drawn: bool) {
-        let captured = Captured::Sample { kind, sample, at_ns: now_ns(), is_drawn };
-        if self.to_file.try_send(captured).is_err() {
-            self.lost.add(kind, 1);
-        }
+        hand_over(&self.to_file, &self.lost, kind, Captured::Sample { kind, sample, at_ns: now_ns(), is_drawn });
     }
 
     /// Fetches a scene, once a file: of those in the files before, the writer has the last few at hand and no others.
     fn fetch(&mut self, scene_id: String) {
         let file = self.turns.load(Ordering::Relaxed);
-        let before = self.asked_for.again(&scene_id, file);
+        let before = self.asked_for.lock().unwrap_or_else(PoisonError::into_inner).again(&scene_id, file);
         if before.is_some() {
             // The file may be another one by now.
-            let captured = Captured::Asked { scene_id: scene_id.clone() };
-            if self.to_file.try_send(captured).is_err() {
-                self.lost.add("scenes", 1);
-            }
+            hand_over(&self.to_file, &self.lost, "scenes", Captured::Asked { scene_id: scene_id.clone() });
         }
         if before == Some(file) {
             return;
         }
         let (perception, to_file, lost) = (self.perception.clone(), self.to_file.clone(), self.lost.clone());
+        let asked_for = self.asked_for.clone();
         tokio::spawn(async move {
             // As it is read again: not packed.
             let request = SceneRequest::new(scene_id.clone());
-            match fetch_scene_payload(&perception, &request, &CallOptions::within(SCENE_WITHIN)).await {
+            let failed = match fetch_scene_payload(&perception, &request, &CallOptions::within(SCENE_WITHIN)).await {
                 Ok(payload) => {
-                    if to_file.send(Captured::Scene { scene_id, payload, at_ns: now_ns() }).await.is_err() {
-                        lost.add("scenes", 1);
-                    }
+                    let captured = Captured::Scene { scene_id: scene_id.clone(), payload, at_ns: now_ns() };
+                    // It does not wait for room: while a disk stalls, scenes of megabytes would gather here without end.
+                    (!hand_over(&to_file, &lost, "scenes", captured)).then_some(ErrorCode::ResourceExhausted)
                 }
                 // Whoever asked about it may have sent it along: then it is in the recording with the call.
-                Err(error) => tracing::debug!(scene_id, %error, "a scene cannot be fetched"),
+                Err(error) => {
+                    tracing::debug!(scene_id, %error, "a scene cannot be fetched");
+                    Some(error.code)
+                }
+            };
+            if let Some(code) = failed {
+                asked_for.lock().unwrap_or_else(PoisonError::into_inner).failed(&scene_id, code);
             }
         });
     }
+}
+
+/// Gives something to the file, where it has room for it; otherwise it is lost. Whether it had.
+fn hand_over(to_file: &mpsc::Sender<Captured>, lost: &LostMessages, kind: &'static str, captured: Captured) -> bool {
+    let has_room = to_file.try_send(captured).is_ok();
+    if !has_room {
+        lost.add(kind, 1);
+    }
+    has_room
 }
 
 /// Whether the next message of a key may be kept, and from when on the one after it.
@@ -319,7 +337,31 @@ fn scene_asked_about(payload: &Payload) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use async_trait::async_trait;
+    use repose_proto::CallError;
+    use repose_runtime::{Call, Handler, RuntimeConfig};
+
     use super::*;
+
+    struct Idle;
+
+    #[async_trait]
+    impl Handler for Idle {
+        async fn call(&self, call: Call) -> Result<Payload, CallError> {
+            Err(call.unknown_method())
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_pools_workers_are_not_taken_for_some_that_cannot_copy_calls() {
+        let mut config = RuntimeConfig::default();
+        config.caller.pool = Some("rack".to_owned());
+        let session = Session::open(config).await.expect("a session");
+        let rack = session.in_cell("rack").expect("a cell");
+        let _planner = rack.start(Service::Planner, Arc::new(Idle)).await.expect("a worker");
+        session.caller(Service::Planner).await.expect("a caller").wait_for_workers(1, SCENE_WITHIN).await.expect("it is seen");
+        assert_eq!(silent(&session).await.expect("heard"), Vec::<String>::new());
+    }
 
     #[test]
     fn a_scene_is_fetched_again_for_each_file_in_which_somebody_asks_about_it() {
@@ -328,6 +370,27 @@ mod tests {
         let fetched = files.map(|file| asked_for.again("one", file) != Some(file));
         assert_eq!(fetched, [true, false, false, true, false, true]);
         assert_eq!(asked_for.again("another", 3), None, "nobody has before");
+    }
+
+    #[test]
+    fn a_scene_that_did_not_come_is_fetched_again_when_it_is_asked_about_next_and_one_that_nobody_has_is_not() {
+        let mut asked_for = AskedFor::default();
+        for (scene, code, next) in [("busy", ErrorCode::ResourceExhausted, None), ("forgotten", ErrorCode::NotFound, Some(0))] {
+            asked_for.again(scene, 0);
+            asked_for.failed(scene, code);
+            assert_eq!(asked_for.again(scene, 0), next, "{scene}");
+        }
+    }
+
+    #[test]
+    fn what_the_file_has_no_room_for_is_counted_and_waits_for_none() {
+        let ((to_file, _captured), lost) = (mpsc::channel(1), LostMessages::default());
+        let scene = || {
+            let payload = Payload { encoding: String::new(), bytes: Vec::new().into() };
+            Captured::Scene { scene_id: "one".to_owned(), payload, at_ns: 0 }
+        };
+        let taken = [hand_over(&to_file, &lost, "scenes", scene()), hand_over(&to_file, &lost, "scenes", scene())];
+        assert_eq!((taken, lost.by_kind()), ([true, false], BTreeMap::from([("scenes", 1)])));
     }
 
     #[test]

@@ -93,6 +93,11 @@ pub async fn run(args: &RecordArgs, output: Output) -> CommandResult {
     let seconds = args.seconds;
     let begun = |silent: &[String]| {
         tracing::info!(file = %args.out.display(), cell = session.cell().name(), "recording; Ctrl-C ends it");
+        if let Some(pool) = session.pool() {
+            tracing::warn!(
+                "calls to the pool {pool} are not recorded with this cell: its workers copy them for whoever records {pool} (--cell {pool})"
+            );
+        }
         if !silent.is_empty() {
             let why =
                 if session.is_user() { "this user may not record: frames = true in the roles file lets it" } else { "an earlier version?" };

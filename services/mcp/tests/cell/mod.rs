@@ -88,7 +88,7 @@ impl World {
             "unseen": {"pixels_without_reading": 0, "pixels_on_borders": 0, "share": 0.0}
         });
         let meta = serde_json::from_value(meta).expect("metadata");
-        Scene { camera_name: "front".to_owned(), stamp_ns: now_ns(), points, labels, colors: Some(colors), meta }
+        Scene { camera_name: "front".to_owned(), stamp_ns: now_ns(), points, labels, colors: Some(colors), meta, as_sent: None }
     }
 
     fn place(&self, request: &PlaceRequest) -> PlaceResult {

@@ -176,6 +176,7 @@ mod tests {
             labels: vec![0, 3, 3],
             colors: Some(vec![[1, 2, 3], [4, 5, 6], [7, 8, 9]]),
             meta,
+            as_sent: None,
         }
     }
 

@@ -73,7 +73,7 @@ impl SceneBuilder {
             }
         }
         let meta = self.meta(&points, &labels, &world_from_camera);
-        Scene { camera_name: "test".to_owned(), stamp_ns: 0, points, labels, colors: None, meta }
+        Scene { camera_name: "test".to_owned(), stamp_ns: 0, points, labels, colors: None, meta, as_sent: None }
     }
 
     fn first_hit(&self, eye: &Point3<f64>, direction: &Vector3<f64>) -> Option<(f64, u16)> {
@@ -178,5 +178,6 @@ pub fn seen_from_above(points: &[([f32; 3], u16)]) -> Scene {
             left_out: Vec::new(),
             warnings: Vec::new(),
         },
+        as_sent: None,
     }
 }

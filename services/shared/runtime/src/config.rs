@@ -145,7 +145,8 @@ pub struct WorkerConfig {
     pub name: Option<String>,
     /// How long a worker with a name waits for that of a predecessor that has died to become free, milliseconds: a lease, and some more.
     pub name_wait_ms: u64,
-    /// Calls that may be open at once, waiting and computing; the next is refused at once. Higher: longer queues, more memory.
+    /// Calls that may be open at once, waiting and computing; the next is refused at once. More than the service's queue and threads take together,
+    /// or that queue is never full, where an interactive call takes a batch call's place. Higher: more memory.
     pub max_open_calls: usize,
     /// Whether methods that move a robot or change the world are taken on the `operate` key only, and not on `call` as clients of release 1
     /// send them. On where access control is: it tells users apart by keys.
@@ -171,7 +172,7 @@ impl Default for WorkerConfig {
         Self {
             name: None,
             name_wait_ms: 6000,
-            max_open_calls: 64,
+            max_open_calls: 128,
             operate_only: false,
             load_period_ms: 150,
             cancel_grace_ms: 1000,

@@ -10,7 +10,7 @@ use axum::routing::get;
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tokio_util::sync::{CancellationToken, DropGuard};
 
-use crate::{RuntimeError, Session};
+use crate::{RuntimeError, Session, silence};
 
 /// Every metric that a process tells: its name, and what it counts. Boards and alerts name these and no others.
 pub const METRICS: [(&str, &str); 22] = [
@@ -100,7 +100,7 @@ impl HealthServer {
         let stop = CancellationToken::new();
         let stopped = stop.clone();
         tokio::spawn(async move {
-            let served = axum::serve(listener, pages).with_graceful_shutdown(stopped.cancelled_owned()).await;
+            let served = axum::serve(silence::Listener(listener), pages).with_graceful_shutdown(stopped.cancelled_owned()).await;
             if let Err(error) = served {
                 tracing::error!(%error, "health and metrics are no longer served");
             }

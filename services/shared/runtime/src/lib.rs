@@ -90,6 +90,7 @@ mod server;
 mod session;
 mod shares;
 mod shutdown;
+pub mod silence;
 mod stages;
 mod tally;
 mod target;

@@ -107,11 +107,10 @@ impl<T> SceneStore<T> {
 /// # Errors
 /// `invalid_argument` on `scene.scene_id`.
 pub fn check_scene_id(scene: &Scene, scene_id: &str) -> Result<(), CallError> {
-    let actual = scene.id();
-    if actual == scene_id {
+    if scene.goes_by(scene_id) {
         return Ok(());
     }
-    Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {actual}, not {scene_id}")))
+    Err(CallError::invalid("scene.scene_id", format!("the enclosed scene's id is {}, not {scene_id}", scene.id())))
 }
 
 /// The newest scene of a camera, in short, from the perception worker that owns it.
@@ -201,15 +200,17 @@ async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &Call
 const ASK_AGAIN: Duration = Duration::from_millis(20);
 
 /// One part. Whoever looks at a cell asks for a new scene at once, each for many parts, and a worker that is full refuses some: these are asked for
-/// again, as the others are on their way.
+/// again, as the others are on their way. A worker reckons by what a segmentation takes when it says when to come back, and a part takes it no time:
+/// a long wait is no reason to give up at once.
 async fn fetch_part(perception: &Caller, request: &Payload, options: &CallOptions, deadline: Instant) -> Result<Answer, CallError> {
     loop {
         let full = match perception.call_any("scene", request, &options.until(deadline)).await {
             Err(error) if error.code == ErrorCode::ResourceExhausted => error,
             ended => return ended,
         };
-        let wait = Duration::from_millis(full.retry_after_ms.unwrap_or(0)).max(ASK_AGAIN);
-        if wait * 2 > deadline.saturating_duration_since(Instant::now()) {
+        let left = deadline.saturating_duration_since(Instant::now());
+        let wait = Duration::from_millis(full.retry_after_ms.unwrap_or(0)).min(left / 4).max(ASK_AGAIN);
+        if wait * 2 > left {
             return Err(full);
         }
         options.pause(wait).await?;

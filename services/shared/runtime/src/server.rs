@@ -118,6 +118,10 @@ impl Server {
         tokio::spawn(stop.clone().run_until_cancelled_owned(take_cancels(shared.clone(), cancels)));
         tokio::spawn(stop.clone().run_until_cancelled_owned(report_load(shared.clone())));
         let alive = shared.transport.declare_alive(&shared.cell.live(service, &shared.worker)).await?;
+        let (places, queue) = (shared.config.max_open_calls, shared.handler.load().queue_capacity);
+        if queue >= places {
+            tracing::warn!(%service, places, queue, "[worker] max_open_calls is no more than the queue takes: interactive calls displace no batch calls");
+        }
         tracing::info!(%service, worker = shared.worker, "serving");
         Ok(Self { shared, alive: Some(alive), name_taken, _stop_on_drop: stop.clone().drop_guard(), stop })
     }

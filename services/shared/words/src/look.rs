@@ -85,7 +85,8 @@ mod tests {
         };
         let points = (0..100u8).map(|i| [f32::from(i % 10) * 0.01, f32::from(i / 10) * 0.01, 0.05]).collect();
         let colors = (0..100).map(|i| if i < without_color { NO_COLOR } else { [220, 20, 30] }).collect();
-        let scene = Scene { camera_name: "front".to_owned(), stamp_ns: 0, points, labels: vec![1; 100], colors: Some(colors), meta };
+        let scene =
+            Scene { camera_name: "front".to_owned(), stamp_ns: 0, points, labels: vec![1; 100], colors: Some(colors), meta, as_sent: None };
         looks_of(&scene, 0.0)[0].colors.as_ref().and_then(ColorShares::name)
     }
 

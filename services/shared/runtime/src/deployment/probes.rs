@@ -35,14 +35,14 @@ pub(super) fn probes(roles: &Roles) -> Vec<Probe> {
         for robot in &robots {
             keys.extend([cell.robot_state(robot), cell.robot_command(robot), cell.robot_estop(robot)]);
         }
-        keys.insert(cell.live_client("check"));
+        keys.extend([cell.live_client("check"), cell.live_recorder("check")]);
         for camera in &cameras {
             keys.insert(cell.scene(camera));
             frames.insert(cell.camera_frame(camera));
         }
         for (service, worker) in Service::ALL.into_iter().flat_map(|s| workers.iter().map(move |w| (s, w))) {
             keys.extend([cell.call(service, worker), cell.load(service, worker), cell.cancel(service, worker, "check")]);
-            keys.extend([cell.live(service, worker), cell.operate(service, worker)]);
+            keys.extend([cell.live(service, worker), cell.operate(service, worker), cell.journal(service, worker)]);
             // Calls for each cell that has a pool, and for one that does not.
             if service.is_poolable() && roles.pools.contains_key(cell.name()) {
                 keys.extend(
@@ -79,6 +79,7 @@ mod tests {
         let has = |key: &str| probes.iter().any(|probe| probe.key == key);
         assert!(has("repose/v1/lab/robot/panda/command") && has("repose/v1/lab/robot/check-robot/command"));
         assert!(has("repose/v1/lab/service/motion/m-1/operate") && has("repose/v1/lab/service/motion/check-worker/operate"));
+        assert!(has("repose/v1/lab/service/motion/m-1/journal") && has("repose/v1/lab/live/recorder/check"), "calls have pictures in them");
         let frames: Vec<&str> = probes.iter().filter(|probe| probe.is_frame).map(|probe| probe.key.as_str()).collect();
         assert_eq!(frames, ["repose/v1/lab/camera/check-camera/frame", "repose/v1/lab/camera/wrist/frame"]);
         let broad: Vec<&Probe> = probes.iter().filter(|probe| probe.is_broad()).collect();

@@ -1,6 +1,7 @@
 //! Files of a deployment on disk: what is a secret is its owner's to read, and its group's where it was given to one; what was there before may
 //! stay.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// A file that could not be read or written.
@@ -73,25 +74,49 @@ impl Files {
         self.put(path, text, 0o600 | shared_with_group(path))
     }
 
+    /// The whole text is beside the file before it takes its place: where the disk is full, or whoever writes dies, what was there stays. With the
+    /// router's users their passwords would be lost, which programs in the field have.
     fn put(&mut self, path: &Path, text: &str, mode: u32) -> Result<(), Failed> {
-        use std::io::Write as _;
         let fail = |e: std::io::Error| Failed::new(path, e);
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(fail)?;
         }
-        let mut options = std::fs::OpenOptions::new();
-        options.write(true).create(true).truncate(true);
-        #[cfg(unix)]
-        std::os::unix::fs::OpenOptionsExt::mode(&mut options, mode);
-        let mut file = options.open(path).map_err(fail)?;
-        #[cfg(unix)]
-        file.set_permissions(std::os::unix::fs::PermissionsExt::from_mode(mode)).map_err(fail)?;
-        #[cfg(not(unix))]
-        let _unused = mode;
-        file.write_all(text.as_bytes()).map_err(fail)?;
+        // What a link leads to is replaced, and not the link.
+        let place = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let mut beside = place.clone().into_os_string();
+        beside.push(".new");
+        let beside = PathBuf::from(beside);
+        let written = write_as(&beside, &place, text, mode).and_then(|()| std::fs::rename(&beside, &place));
+        if let Err(error) = written {
+            // It may not be there.
+            let _gone = std::fs::remove_file(&beside);
+            return Err(fail(error));
+        }
         self.written.files.push(path.to_owned());
         Ok(())
     }
+}
+
+/// Writes a file that is to take another's place: with that one's owner and group, where there is one.
+fn write_as(file: &Path, place: &Path, text: &str, mode: u32) -> std::io::Result<()> {
+    use std::io::Write as _;
+    let mut options = File::options();
+    options.write(true).create(true).truncate(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, mode);
+    let mut file = options.open(file)?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+        if let Ok(there) = std::fs::metadata(place) {
+            std::os::unix::fs::fchown(&file, Some(there.uid()), Some(there.gid()))?;
+        }
+        file.set_permissions(std::fs::Permissions::from_mode(mode))?;
+    }
+    #[cfg(not(unix))]
+    let _unused = (place, mode);
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
 }
 
 #[cfg(unix)]
@@ -103,4 +128,25 @@ fn shared_with_group(path: &Path) -> u32 {
 #[cfg(not(unix))]
 fn shared_with_group(_: &Path) -> u32 {
     0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_there_stays_where_it_cannot_be_written_anew() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let users = folder.path().join("users.txt");
+        let mut files = Files::default();
+        files.write_secret(&users, "arm:its password\n").expect("written");
+        let read = || std::fs::read_to_string(&users).expect("it is there");
+        // As a full disk: there is no place for the new one.
+        std::fs::create_dir(folder.path().join("users.txt.new")).expect("a folder");
+        files.write_secret(&users, "arm:another\n").expect_err("no place");
+        assert_eq!(read(), "arm:its password\n");
+        std::fs::remove_dir(folder.path().join("users.txt.new")).expect("removed");
+        files.write_secret(&users, "arm:another\n").expect("written");
+        assert_eq!((read().as_str(), std::fs::read_dir(folder.path()).expect("the folder").count()), ("arm:another\n", 1));
+    }
 }

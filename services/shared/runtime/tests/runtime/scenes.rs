@@ -83,6 +83,8 @@ async fn a_scene_comes_in_parts_none_of_which_holds_a_link_for_long() {
 struct Full {
     scene: OneScene,
     refused: AtomicUsize,
+    /// When it says to come back.
+    retry_after_ms: u64,
 }
 
 /// Calls that it refuses.
@@ -92,7 +94,7 @@ const REFUSED: usize = 40;
 impl Handler for Full {
     async fn call(&self, call: Call) -> Result<Payload, CallError> {
         if self.refused.fetch_add(1, Ordering::SeqCst) < REFUSED {
-            return Err(CallError::new(ErrorCode::ResourceExhausted, "full").retry_after(5));
+            return Err(CallError::new(ErrorCode::ResourceExhausted, "full").retry_after(self.retry_after_ms));
         }
         self.scene.call(call).await
     }
@@ -123,7 +125,7 @@ async fn parts_that_a_full_worker_refuses_are_asked_for_again_though_another_has
     let sent = large_scene();
     let payload = Payload::bulk(Scene::SCHEMA, &sent.to_bulk()).unwrap();
     let scene = OneScene { scene: payload, parts: Parts::Given, largest: AtomicUsize::default() };
-    let full = Arc::new(Full { scene, refused: AtomicUsize::default() });
+    let full = Arc::new(Full { scene, refused: AtomicUsize::default(), retry_after_ms: 5 });
     let _servers = [
         session.start(Service::Perception, full.clone()).await.unwrap(),
         other.start(Service::Perception, Arc::new(Without)).await.unwrap(),
@@ -131,6 +133,22 @@ async fn parts_that_a_full_worker_refuses_are_asked_for_again_though_another_has
     let perception = session.caller(Service::Perception).await.unwrap();
     perception.wait_for_workers(2, Duration::from_secs(10)).await.unwrap();
     let came = fetch_scene(&perception, &"0".repeat(64), &CallOptions::within(Duration::from_secs(20))).await.unwrap();
+    assert_eq!(came, sent);
+    assert!(full.refused.load(Ordering::SeqCst) > REFUSED);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn parts_are_asked_for_again_before_a_full_worker_has_done_what_it_reckons_with() {
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let session = network.session().await;
+    let sent = large_scene();
+    let payload = Payload::bulk(Scene::SCHEMA, &sent.to_bulk()).unwrap();
+    let scene = OneScene { scene: payload, parts: Parts::Given, largest: AtomicUsize::default() };
+    // By half of what wait, at what a segmentation takes, it would be as long as the caller has.
+    let full = Arc::new(Full { scene, refused: AtomicUsize::default(), retry_after_ms: 10_000 });
+    let _server = session.start(Service::Perception, full.clone()).await.unwrap();
+    let perception = session.caller(Service::Perception).await.unwrap();
+    let came = fetch_scene(&perception, &"0".repeat(64), &CallOptions::within(Duration::from_secs(10))).await.unwrap();
     assert_eq!(came, sent);
     assert!(full.refused.load(Ordering::SeqCst) > REFUSED);
 }

@@ -142,7 +142,7 @@ fn seen(case: &SceneCase, surfels: &[Surfel], world_from_camera: &Isometry3<f64>
         left_out: Vec::new(),
         warnings: Vec::new(),
     };
-    Scene { camera_name: "front".to_owned(), stamp_ns: 0, points, labels, colors: Some(colors), meta }
+    Scene { camera_name: "front".to_owned(), stamp_ns: 0, points, labels, colors: Some(colors), meta, as_sent: None }
 }
 
 fn surface(object: usize, case: &ObjectCase, random: &mut Pcg64) -> Vec<Surfel> {

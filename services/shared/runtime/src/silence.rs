@@ -1,8 +1,9 @@
-//! Connections over which nothing passes are let go.
+//! Connections over HTTP over which nothing passes are let go.
 //!
 //! A machine that is switched off or carried away leaves its connections open at this end for ever, and so does whoever connects and asks
-//! nothing. Each takes a place of those that the operating system gives a process; on a console that runs for months none would be left, for a stop
-//! neither. Viewers' WebSockets are asked every few seconds and never come to this.
+//! nothing. Each takes a place of those that the operating system gives a process; of a console, a server of agents or a router that runs for months
+//! none would be left, for a stop neither. Viewers' WebSockets are asked every few seconds, agents that wait are told every few that they do, and
+//! neither come to this.
 
 use std::io::{Error, ErrorKind, IoSlice, Result};
 use std::pin::Pin;
