@@ -286,6 +286,21 @@ fn another_owner_ends_it() {
 }
 
 #[test]
+fn a_robots_side_that_starts_anew_ends_it_and_is_not_sent_what_the_one_before_took() {
+    let mut robot = Robot::new();
+    let (phases, done) = run(&mut robot, |robot, _, now_ms| {
+        if now_ms == 300 {
+            assert_eq!(robot.state.mode, RobotMode::Moving);
+            *robot = Robot::new();
+        }
+        Vec::new()
+    });
+    assert_eq!((phases.as_slice(), outcome(&done).0), (&[Phase::Standoff][..], ExecutionOutcome::Stopped), "{done:?}");
+    assert!(outcome(&done).2.contains("started anew"), "{done:?}");
+    assert_eq!(robot.state.owner, None, "nothing was sent");
+}
+
+#[test]
 fn a_silent_robot_and_a_deaf_one_end_it() {
     let mut robot = Robot::new();
     let (_, done) = run(&mut robot, |robot, _, _| {

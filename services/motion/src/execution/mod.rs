@@ -64,6 +64,8 @@ pub struct Execution {
     /// Whether the robot's side knows tasks.
     knows_tasks: bool,
     seq: u64,
+    /// The last of its commands that the robot has shown as taken; 0 before the first.
+    shown_seq: u64,
     phase: usize,
     stage: Stage,
     /// How wide the object held the fingers apart, metres.
@@ -168,6 +170,7 @@ impl Execution {
             task,
             knows_tasks: state.task.is_some(),
             seq: 0,
+            shown_seq: 0,
             phase: 0,
             stage: Stage::Gripper { taken, settled_since_ms: None },
             grasp_width_m: 0.0,
@@ -200,6 +203,12 @@ impl Execution {
         {
             return self.stopped(format!("{} has taken the robot over", owner.id));
         }
+        let shown_seq = state.last_command.filter(|_| state.owner.as_ref() == Some(&self.owner)).unwrap_or(0);
+        if shown_seq < self.shown_seq {
+            // It would take what is said again for something new, wherever everything stands by now.
+            return self.stopped("the robot's side has started anew, and knows nothing of this task".to_owned());
+        }
+        self.shown_seq = shown_seq;
         if let (Some(halt), Stage::Stream { .. }) = (&self.halt, &self.stage) {
             let stands = state.mode == RobotMode::Idle && self.is_taken(halt.first_seq);
             return if stands { self.end_halt(now_ms) } else { Vec::new() };
