@@ -393,6 +393,19 @@ fn a_cancel_while_the_fingers_open_waits_for_them_and_a_lost_network_ends_it_at_
 }
 
 #[test]
+fn fingers_that_were_not_told_before_a_cancel_are_not_told_after_it() {
+    let mut robot = Robot::new();
+    robot.deaf = true;
+    let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
+        robot.deaf = now_ms < 200;
+        if now_ms == 100 { execution.cancel("cancelled", now_ms) } else { Vec::new() }
+    });
+    assert_eq!((phases.as_slice(), outcome(&done).0), (&[Phase::Standoff][..], ExecutionOutcome::Stopped), "{done:?}");
+    assert_eq!((outcome(&done).2.as_str(), robot.actions), ("cancelled", 0));
+    assert_eq!((robot.state.mode, robot.state.open_task()), (RobotMode::Idle, None));
+}
+
+#[test]
 fn a_plan_that_does_not_fit_the_world_is_refused() {
     let begin = |plan: MotionPlan, state: &RobotState| {
         Execution::begin(plan, task(), state, 0, ExecutionSettings::default()).map(|_| ()).unwrap_err()

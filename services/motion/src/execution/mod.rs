@@ -359,6 +359,8 @@ impl Execution {
         // Nothing else was sent since.
         self.seq = taken.first_seq - 1;
         match self.stage {
+            // Fingers that may not have been told before a cancel are not told after it: the number alone is used up.
+            Stage::Gripper { .. } if self.cancelled.is_some() => vec![ExecutionAction::Send(self.command())],
             Stage::Gripper { .. } => self.start_gripper(taken.sent_at_ms),
             Stage::Stream { .. } => self.start_stream(taken.sent_at_ms),
             // Its stream was taken long ago.
