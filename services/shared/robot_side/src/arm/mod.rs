@@ -244,11 +244,12 @@ impl Arm {
         self.reflex(kind, reason);
     }
 
-    /// Says whether the fingers stand against something. Where that changes the hand has taken hold of something or lost it, whatever it was told:
-    /// nobody told it to lose what slips out of it, and a commander need not say that it is to grasp.
-    pub fn set_grips(&mut self, grips: bool) {
+    /// Says whether the fingers stand against something at `now_s` of the receiver's monotonic clock. Where that changes the hand has taken hold of
+    /// something or lost it, whatever it was told: nobody told it to lose what slips out of it, and a commander need not say that it is to grasp. After a
+    /// time without a word of the hand or the arm nobody knows when that was: it counts as now.
+    pub fn set_grips(&mut self, grips: bool, now_s: f64) {
         if grips != self.grips {
-            self.handled_s = Some(self.now_s);
+            self.handled_s = Some(now_s);
         }
         self.grips = grips;
     }
