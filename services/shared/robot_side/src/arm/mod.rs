@@ -92,7 +92,7 @@ pub struct Arm {
     /// The newest instant that was handed in, seconds of the receiver's monotonic clock.
     now_s: f64,
     /// When the hand was last told to close on an object, or to open while it held one, or was last seen to take hold of something or to lose it, or
-    /// may last have been before its driver started, on the same clock.
+    /// may last have been before its driver started, or the world was last made anew, on the same clock.
     handled_s: Option<f64>,
 }
 
@@ -140,8 +140,10 @@ impl Arm {
         arm
     }
 
-    /// Back to the ready pose at rest, as if carried there; owner and latched stop stay.
+    /// Back to the ready pose at rest, as if carried there, among other things than before: what was seen of those is old. Owner and latched stop
+    /// stay.
     pub fn rehome(&mut self) {
+        self.handled_s = Some(self.now_s);
         self.motion = MotionState::at_rest(READY);
         self.stream = None;
         self.braking = None;

@@ -351,6 +351,16 @@ fn what_the_hand_takes_hold_of_untold_and_what_slips_out_of_it_makes_scenes_old_
 }
 
 #[test]
+fn what_was_seen_before_the_world_was_made_anew_is_old() {
+    let mut arm = Arm::default();
+    arm.tick(5.0);
+    assert_eq!(arm.since_handling_ms(), None);
+    arm.rehome();
+    arm.tick(5.5);
+    assert_eq!(arm.since_handling_ms(), Some(500));
+}
+
+#[test]
 fn an_arm_that_does_not_follow_its_set_points_latches_and_one_that_was_moved_by_hand_stands_there() {
     let mut arm = Arm::new(ArmSettings { following_tolerance_rad: 0.05, ..ArmSettings::default() });
     let mut behind = READY;
