@@ -227,6 +227,24 @@ fn fingers_that_are_still_on_their_way_after_all_the_time_that_they_have_stop_th
 }
 
 #[test]
+fn a_task_is_not_closed_where_the_hand_does_not_get_through_with_letting_go() {
+    for cancelled in [false, true] {
+        let mut robot = Robot::new();
+        robot.refuses = 3;
+        let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
+            if robot.refused.is_none() {
+                return Vec::new();
+            }
+            // A hand that has not ended an order says neither that it has settled nor that it holds anything.
+            (robot.state.gripper_settled, robot.state.gripper_holding) = (false, false);
+            if cancelled { execution.cancel("cancelled", now_ms) } else { Vec::new() }
+        });
+        assert_eq!((phases.last(), outcome(&done).0), (Some(&Phase::Release), ExecutionOutcome::Stopped), "{done:?}");
+        assert!(robot.state.open_task().is_some(), "the robot's side latches a stop then: the object is in the hand");
+    }
+}
+
+#[test]
 fn an_object_lost_on_the_way_is_noticed_at_the_end_of_the_phase() {
     let mut robot = Robot::new();
     let (phases, done) = run(&mut robot, |robot, _, _| {
