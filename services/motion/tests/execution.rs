@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 
 use common::{NOW_NS, PHASES, Robot, joints, plan, task};
 use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask};
-use repose_proto::motion::{ExecutionOutcome, MotionPlan, Phase};
+use repose_proto::motion::{ExecutionOutcome, MotionPhase, MotionPlan, Phase};
 use repose_proto::robot::{HeldObject, Owner, RobotMode, RobotState, StopState, TaskState};
 use repose_proto::{ErrorCode, RigidTransform, limits};
 
@@ -62,6 +62,15 @@ fn a_robot_that_follows_runs_through_all_phases() {
     assert_eq!(outcome(&done), (ExecutionOutcome::Done, Phase::Retreat, String::new()));
     assert!((robot.state.q_rad[0] - 0.0).abs() < 1e-9, "six moves to and fro");
     assert_eq!(robot.state.open_task(), None, "the task is closed");
+}
+
+#[test]
+fn phases_that_ask_for_nothing_are_passed_over_however_many_they_are() {
+    let nothing = MotionPhase { name: Phase::Lift, gripper: None, set_points: Vec::new() };
+    let mut long = plan();
+    long.phases.splice(1..1, std::iter::repeat_n(nothing, 200_000));
+    let (phases, done) = run_late(&mut Robot::new(), long, 0, |_, _, _| Vec::new());
+    assert_eq!((phases.as_slice(), outcome(&done).0), (&PHASES[..], ExecutionOutcome::Done), "{done:?}");
 }
 
 #[test]

@@ -423,11 +423,14 @@ impl Execution {
     }
 
     fn next_phase(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
-        if self.phase + 1 == self.phases.len() {
-            return self.end(ExecutionOutcome::Done, None, now_ms);
+        // One that asks for nothing is passed over: here, for a plan from elsewhere may have more of them than could begin and end each in the other.
+        while self.phase + 1 < self.phases.len() {
+            self.phase += 1;
+            if self.current().gripper.is_some() || !self.current().set_points.is_empty() {
+                return self.enter_phase(now_ms);
+            }
         }
-        self.phase += 1;
-        self.enter_phase(now_ms)
+        self.end(ExecutionOutcome::Done, None, now_ms)
     }
 
     /// The next command, empty.
