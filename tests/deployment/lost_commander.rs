@@ -50,8 +50,9 @@ impl Robot {
         let before_m = self.width_m;
         self.width_m += (aim_m - self.width_m).clamp(-FINGERS_M_MS, FINGERS_M_MS);
         self.settled_ms = if self.width_m == before_m { self.settled_ms + 1 } else { 0 };
-        self.arm.set_grips(self.grips());
-        self.arm.tick(self.now_ms as f64 * 1e-3);
+        let now_s = self.now_ms as f64 * 1e-3;
+        self.arm.set_grips(self.grips(), now_s);
+        self.arm.tick(now_s);
         if let Some(GripperCommand { width_m, .. }) = self.arm.take_gripper() {
             (self.goal_m, self.settled_ms) = (width_m, 0);
         }

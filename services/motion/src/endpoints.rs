@@ -6,7 +6,7 @@ use std::sync::Arc;
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest, RecoveryMove};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest};
 use repose_proto::robot::HeldObject;
 use repose_proto::{CallError, Message, Payload, Scene, Service};
 use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, load_of};
@@ -136,11 +136,9 @@ impl Endpoints {
         self.neighbours.check_still(&request.robot)?;
         let stood = self.neighbours.stances(&request.robot);
         let beside = self.neighbours.solids(&request.robot);
-        let (robot, checked_against) = (request.robot.clone(), request.scene.as_ref().map(|scene| scene.scene_id.clone()));
-        let moves = request.motion != RecoveryMove::Open;
-        let (phases, retreated_m) = self.worker.recover(call.context(), request, scene, &state, beside).await?;
+        let robot = request.robot.clone();
+        let (phases, retreated_m, checked_against) = self.worker.recover(call.context(), request, scene, &state, beside).await?;
         self.neighbours.check_stances(&robot, &stood)?;
-        let checked_against = checked_against.filter(|_| moves);
         if phases.is_empty() {
             let (outcome, joints_rad) = (ExecutionOutcome::Done, state.q_rad);
             return Payload::json(&RecoverReply { outcome, reason: None, retreated_m, checked_against, joints_rad });

@@ -167,8 +167,8 @@ fn base_within_reach(state: &RobotState, from: &Isometry3<f64>) -> Option<Isomet
 }
 
 impl Neighbour {
-    /// What is to be said of one that moves or has a task. One whose driver has died in the midst of that stays so, for nobody knows where it stands:
-    /// then that is what a person has to know.
+    /// What is to be said of one that moves or has a task. One whose driver has died in the midst of that stays so, for nobody knows where it stands,
+    /// and one that was stopped in the midst of its task has it until somebody clears the stop: then that is what a person has to know.
     fn doing(&self) -> String {
         let (name, silent) = (&self.name, self.heard.elapsed());
         if silent > SILENT {
@@ -176,6 +176,12 @@ impl Neighbour {
             return format!(
                 "robot {name} stands within reach and was doing something when it was last heard of, {silent_s} s ago: nothing moves beside it \
                  until its driver tells that it stands"
+            );
+        }
+        if self.state.mode == RobotMode::Stopped {
+            return format!(
+                "robot {name} stands within reach and was stopped in the midst of a task: nothing moves beside it until its stop is cleared \
+                 (`repose robot reset --robot {name}`)"
             );
         }
         format!("robot {name} stands within reach and is doing something: one of them moves at a time")
@@ -287,5 +293,8 @@ mod tests {
             let refused = neighbours.check_still("own").expect_err("nobody knows where it stands");
             assert!(refused.message.contains("was doing something when it was last heard of, 14 s ago"), "{refused}");
         }
+        let stopped = RobotState { task: Some(TaskState { id: Some("t".to_owned()) }), ..standing([0.9, 0.0], "stopped") };
+        let refused = beside(&[("across", stopped)]).await.check_still("own").expect_err("its task is open");
+        assert!(refused.message.contains("stopped in the midst of a task"), "{refused}");
     }
 }

@@ -100,7 +100,8 @@ impl Worker {
         }
     }
 
-    /// The phases that bring an arm back from where it stands, and how far the hand backs off, metres.
+    /// The phases that bring an arm back from where it stands, how far the hand backs off, metres, and the scene, named or sent, that its way was
+    /// checked against.
     ///
     /// # Errors
     /// As [`Self::plan`]; `failed_precondition` on `scene` when it is not of what stands there now, on `robot` when the arm cannot be brought back
@@ -112,10 +113,10 @@ impl Worker {
         scene: Option<Scene>,
         state: &RobotState,
         beside: Vec<ObstacleShape>,
-    ) -> Result<(Vec<MotionPhase>, Option<f64>), CallError> {
+    ) -> Result<(Vec<MotionPhase>, Option<f64>, Option<String>), CallError> {
         if request.motion == RecoveryMove::Open {
             let gripper = Some(GripperCommand { width_m: FINGER_OPENING_MAX_M, force_n: self.settings.grip_force_n });
-            return Ok((vec![MotionPhase { name: Phase::Release, gripper, set_points: Vec::new() }], None));
+            return Ok((vec![MotionPhase { name: Phase::Release, gripper, set_points: Vec::new() }], None, None));
         }
         if state.gripper_holding {
             let message = "the robot has something in its hand: `repose robot open` first lets go of it where it is";
@@ -130,14 +131,15 @@ impl Worker {
         let settings = RecoverySettings { beside, ..(*self.recovery).clone() };
         let (period_ms, q_rad, opening_m) = (self.terms.set_point_period_ms, state.q_rad, state.gripper_width_m);
         let job = move |context: &JobContext| {
-            let scene = match (held, scene, &request.scene) {
+            let named = request.scene.map(|named| named.scene_id);
+            let (scene, checked_against) = match (held, scene) {
                 // It may be younger than what is held under its name, and that counts as young as it only where the two are the same.
-                (_, Some(sent), Some(named)) => {
-                    check_scene_id(&sent, &named.scene_id)?;
-                    Some(wire::surroundings(&sent)?)
+                (_, Some(sent)) => {
+                    named.as_ref().map_or(Ok(()), |named| check_scene_id(&sent, named))?;
+                    (Some(wire::surroundings(&sent)?), Some(named.unwrap_or_else(|| sent.id())))
                 }
-                (Some(held), None, _) => Some(wire::surroundings(held.scene())?),
-                _ => None,
+                (Some(held), None) => (Some(wire::surroundings(held.scene())?), named),
+                (None, None) => (None, None),
             };
             let recovery = Recovery::new(&q_rad, opening_m, scene.as_ref(), &settings);
             let stuck = |error: RecoveryError| CallError::precondition(error.to_string()).at("robot");
@@ -146,12 +148,13 @@ impl Worker {
             match request.motion {
                 RecoveryMove::Open | RecoveryMove::Retreat => {
                     let (trajectory, retreated_m) = recovery.retreat().map_err(stuck)?;
-                    Ok((vec![phase(Phase::Retreat, &trajectory)], Some(retreated_m)))
+                    Ok((vec![phase(Phase::Retreat, &trajectory)], Some(retreated_m), checked_against))
                 }
                 RecoveryMove::Home => {
                     let way = recovery.home(&|| context.check().is_err());
                     context.check()?;
-                    Ok((way.map_err(stuck)?.iter().map(|trajectory| phase(Phase::Home, trajectory)).collect(), None))
+                    let phases = way.map_err(stuck)?.iter().map(|trajectory| phase(Phase::Home, trajectory)).collect();
+                    Ok((phases, None, checked_against))
                 }
             }
         };

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 
 use common::{NOW_NS, PHASES, Robot, joints, plan, task};
 use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask};
-use repose_proto::motion::{ExecutionOutcome, MotionPlan, Phase};
+use repose_proto::motion::{ExecutionOutcome, MotionPhase, MotionPlan, Phase};
 use repose_proto::robot::{HeldObject, Owner, RobotMode, RobotState, StopState, TaskState};
 use repose_proto::{ErrorCode, RigidTransform, limits};
 
@@ -62,6 +62,15 @@ fn a_robot_that_follows_runs_through_all_phases() {
     assert_eq!(outcome(&done), (ExecutionOutcome::Done, Phase::Retreat, String::new()));
     assert!((robot.state.q_rad[0] - 0.0).abs() < 1e-9, "six moves to and fro");
     assert_eq!(robot.state.open_task(), None, "the task is closed");
+}
+
+#[test]
+fn phases_that_ask_for_nothing_are_passed_over_however_many_they_are() {
+    let nothing = MotionPhase { name: Phase::Lift, gripper: None, set_points: Vec::new() };
+    let mut long = plan();
+    long.phases.splice(1..1, std::iter::repeat_n(nothing, 200_000));
+    let (phases, done) = run_late(&mut Robot::new(), long, 0, |_, _, _| Vec::new());
+    assert_eq!((phases.as_slice(), outcome(&done).0), (&PHASES[..], ExecutionOutcome::Done), "{done:?}");
 }
 
 #[test]
@@ -227,6 +236,24 @@ fn fingers_that_are_still_on_their_way_after_all_the_time_that_they_have_stop_th
 }
 
 #[test]
+fn a_task_is_not_closed_where_the_hand_does_not_get_through_with_letting_go() {
+    for cancelled in [false, true] {
+        let mut robot = Robot::new();
+        robot.refuses = 3;
+        let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
+            if robot.refused.is_none() {
+                return Vec::new();
+            }
+            // A hand that has not ended an order says neither that it has settled nor that it holds anything.
+            (robot.state.gripper_settled, robot.state.gripper_holding) = (false, false);
+            if cancelled { execution.cancel("cancelled", now_ms) } else { Vec::new() }
+        });
+        assert_eq!((phases.last(), outcome(&done).0), (Some(&Phase::Release), ExecutionOutcome::Stopped), "{done:?}");
+        assert!(robot.state.open_task().is_some(), "the robot's side latches a stop then: the object is in the hand");
+    }
+}
+
+#[test]
 fn an_object_lost_on_the_way_is_noticed_at_the_end_of_the_phase() {
     let mut robot = Robot::new();
     let (phases, done) = run(&mut robot, |robot, _, _| {
@@ -283,6 +310,21 @@ fn another_owner_ends_it() {
         Vec::new()
     });
     assert!(outcome(&done).2.contains("motion-2"));
+}
+
+#[test]
+fn a_robots_side_that_starts_anew_ends_it_and_is_not_sent_what_the_one_before_took() {
+    let mut robot = Robot::new();
+    let (phases, done) = run(&mut robot, |robot, _, now_ms| {
+        if now_ms == 300 {
+            assert_eq!(robot.state.mode, RobotMode::Moving);
+            *robot = Robot::new();
+        }
+        Vec::new()
+    });
+    assert_eq!((phases.as_slice(), outcome(&done).0), (&[Phase::Standoff][..], ExecutionOutcome::Stopped), "{done:?}");
+    assert!(outcome(&done).2.contains("started anew"), "{done:?}");
+    assert_eq!(robot.state.owner, None, "nothing was sent");
 }
 
 #[test]
@@ -375,6 +417,19 @@ fn a_cancel_while_the_fingers_open_waits_for_them_and_a_lost_network_ends_it_at_
         assert_eq!(settled_at.is_some(), !lost);
         assert_eq!(robot.state.mode, RobotMode::Idle, "there is nothing in the hand");
     }
+}
+
+#[test]
+fn fingers_that_were_not_told_before_a_cancel_are_not_told_after_it() {
+    let mut robot = Robot::new();
+    robot.deaf = true;
+    let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
+        robot.deaf = now_ms < 200;
+        if now_ms == 100 { execution.cancel("cancelled", now_ms) } else { Vec::new() }
+    });
+    assert_eq!((phases.as_slice(), outcome(&done).0), (&[Phase::Standoff][..], ExecutionOutcome::Stopped), "{done:?}");
+    assert_eq!((outcome(&done).2.as_str(), robot.actions), ("cancelled", 0));
+    assert_eq!((robot.state.mode, robot.state.open_task()), (RobotMode::Idle, None));
 }
 
 #[test]

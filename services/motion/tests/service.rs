@@ -10,8 +10,8 @@ use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
 use repose_proto::enclosed::enclose;
 use repose_proto::motion::{
-    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, Phase, RecoverRequest,
-    RecoveryMove, RobotResetReply, RobotResetRequest,
+    ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, Phase, RecoverReply,
+    RecoverRequest, RecoveryMove, RobotResetReply, RobotResetRequest,
 };
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
@@ -282,6 +282,24 @@ async fn a_way_back_is_not_checked_against_what_stood_there_before() {
     let request = RecoverRequest { robot: "panda".to_owned(), motion: RecoveryMove::Home, scene: named };
     let error = running.call("recover", Payload::with_scene(&request, Some(&now)).unwrap()).await.unwrap_err();
     assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some("scene.scene_id")), "{error}");
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_way_back_is_checked_against_a_scene_that_is_enclosed_and_not_named() {
+    let running = Running::start().await;
+    let robot = running.robot(Robot::new()).await;
+    let home = async |scene: &Scene| {
+        let request = RecoverRequest { robot: "panda".to_owned(), motion: RecoveryMove::Home, scene: None };
+        running.call("recover", Payload::with_scene(&request, Some(scene)).unwrap()).await
+    };
+    let mut scene = Scene { stamp_ns: NOW_NS, ..scene() };
+    scene.meta.world_frame = WorldFrame::SupportPlane;
+    assert_eq!(refusal(home(&scene).await), (ErrorCode::FailedPrecondition, Some("scene".to_owned())), "it tells not where things are");
+    assert_eq!(robot.lock().unwrap().state.last_command, None, "nothing was sent");
+    scene.meta.world_frame = WorldFrame::Extrinsics;
+    let reply: RecoverReply = home(&scene).await.unwrap().payload.decode_json().unwrap();
+    assert_eq!(reply.checked_against, Some(scene.id()));
     running.stop().await;
 }
 

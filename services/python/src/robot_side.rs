@@ -167,11 +167,11 @@ impl Running {
 
     /// Hands what has come to the arm; what it does not take, and why.
     fn take(&mut self, now: Instant, gripper: GripperState) -> Vec<String> {
-        self.arm.set_grips(gripper.holding);
+        let since_start = |at: Instant| at.saturating_duration_since(self.started).as_secs_f64();
+        self.arm.set_grips(gripper.holding, since_start(now));
         for stop in self.stops.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
             self.arm.emergency_stop(&stop);
         }
-        let since_start = |at: Instant| at.saturating_duration_since(self.started).as_secs_f64();
         let mut refused = Vec::new();
         while let Ok((at, command)) = self.commands.try_recv() {
             let why = match command {

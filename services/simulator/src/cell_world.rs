@@ -94,7 +94,7 @@ impl CellWorld {
     /// One physics step of robot time; `now_s` is the receiver's monotonic clock.
     pub fn step(&mut self, now_s: f64) {
         let ticks = (f64::from(self.world.step_s()) / TICK_S).round().max(1.0) as usize;
-        self.arm.set_grips(self.hand.grips(&mut self.world));
+        self.arm.set_grips(self.hand.grips(&mut self.world), now_s);
         for _ in 0..ticks {
             self.arm.tick(now_s);
         }

@@ -237,7 +237,7 @@ impl Side {
         let since_ms = self.advance(reading);
         let settings = self.settings.arm;
         let arm = self.arm.get_or_insert_with(|| Arm::found_at(reading.held_rad, settings, now_s, stopped_by(reading)));
-        arm.set_grips(self.hand.state().holding);
+        arm.set_grips(self.hand.state().holding, now_s);
         if arm.stop().is_none() {
             if let Some((kind, reason)) = stopped_by(reading) {
                 arm.halted(&kind, reason, &reading.held_rad);
@@ -273,7 +273,7 @@ impl Side {
             }
             (self.fade, self.way_rad) = (Fade::at_rest(&offset_rad, FADE_MS), [*arm.q_rad(); 3]);
         }
-        arm.set_grips(self.hand.state().holding);
+        arm.set_grips(self.hand.state().holding, now_s);
         // Not `Arm::measured`: it takes an arm at rest to stand where it was measured, and set-points that jump there would follow.
         if arm.stop().is_none()
             && let Some(reason) = off_set_points(&reading.measured_rad, arm.q_rad(), self.settings.arm.following_tolerance_rad)

@@ -57,8 +57,7 @@ impl Execution {
         }
         let stand = is_settled || self.fingers.stand(&self.last_state);
         if let Some(reason) = self.cancelled.take() {
-            // Fingers that still move may close on something yet: then the robot's side has to know that the task was never closed.
-            return if stand { self.end(ExecutionOutcome::Stopped, Some(reason), now_ms) } else { self.stopped(reason) };
+            return if stand { self.end_at_fingers(reason, now_ms) } else { self.stopped(reason) };
         }
         let (width_m, wanted_m) = (self.last_state.gripper_width_m, self.wanted_m());
         if self.current().name == Phase::Grasp {
@@ -73,10 +72,18 @@ impl Execution {
         }
         let may_go_on = has_acted && (is_settled || self.current().name == Phase::Grasp || self.is_there());
         if !may_go_on {
-            let reason = format!("the gripper stands at {width_m:.3} m and was sent to {wanted_m:.3} m");
-            return self.end(ExecutionOutcome::Stopped, Some(reason), now_ms);
+            return self.end_at_fingers(format!("the gripper stands at {width_m:.3} m and was sent to {wanted_m:.3} m"), now_ms);
         }
         self.enter_stream(now_ms)
+    }
+
+    /// Ends it at fingers that are through with what they were told. Those that are not may close on something yet, and may hold what the robot's side
+    /// does not say: then that has to know that the task was never closed.
+    fn end_at_fingers(&mut self, reason: String, now_ms: u64) -> Vec<ExecutionAction> {
+        match self.last_state.gripper_settled {
+            true => self.end(ExecutionOutcome::Stopped, Some(reason), now_ms),
+            false => self.stopped(reason),
+        }
     }
 
     /// Where the phase's gripper action sends the fingers, metres.
@@ -116,9 +123,9 @@ impl Execution {
             return Vec::new();
         }
         let is_held = state.gripper_holding || state.gripper_width_m > self.grasp_wanted_m() + REACHED_M;
-        let (width_m, stand) = (state.gripper_width_m, is_settled || self.fingers.stand(state));
+        let width_m = state.gripper_width_m;
         if let Some(reason) = self.cancelled.take() {
-            return if stand { self.end(ExecutionOutcome::Stopped, Some(reason), now_ms) } else { self.stopped(reason) };
+            return self.end_at_fingers(reason, now_ms);
         }
         if !is_held {
             return self.end(ExecutionOutcome::GraspLost, Some("the object was lost on the way".to_owned()), now_ms);

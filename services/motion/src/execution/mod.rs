@@ -64,6 +64,8 @@ pub struct Execution {
     /// Whether the robot's side knows tasks.
     knows_tasks: bool,
     seq: u64,
+    /// The last of its commands that the robot has shown as taken; 0 before the first.
+    shown_seq: u64,
     phase: usize,
     stage: Stage,
     /// How wide the object held the fingers apart, metres.
@@ -168,6 +170,7 @@ impl Execution {
             task,
             knows_tasks: state.task.is_some(),
             seq: 0,
+            shown_seq: 0,
             phase: 0,
             stage: Stage::Gripper { taken, settled_since_ms: None },
             grasp_width_m: 0.0,
@@ -200,6 +203,12 @@ impl Execution {
         {
             return self.stopped(format!("{} has taken the robot over", owner.id));
         }
+        let shown_seq = state.last_command.filter(|_| state.owner.as_ref() == Some(&self.owner)).unwrap_or(0);
+        if shown_seq < self.shown_seq {
+            // It would take what is said again for something new, wherever everything stands by now.
+            return self.stopped("the robot's side has started anew, and knows nothing of this task".to_owned());
+        }
+        self.shown_seq = shown_seq;
         if let (Some(halt), Stage::Stream { .. }) = (&self.halt, &self.stage) {
             let stands = state.mode == RobotMode::Idle && self.is_taken(halt.first_seq);
             return if stands { self.end_halt(now_ms) } else { Vec::new() };
@@ -350,6 +359,8 @@ impl Execution {
         // Nothing else was sent since.
         self.seq = taken.first_seq - 1;
         match self.stage {
+            // Fingers that may not have been told before a cancel are not told after it: the number alone is used up.
+            Stage::Gripper { .. } if self.cancelled.is_some() => vec![ExecutionAction::Send(self.command())],
             Stage::Gripper { .. } => self.start_gripper(taken.sent_at_ms),
             Stage::Stream { .. } => self.start_stream(taken.sent_at_ms),
             // Its stream was taken long ago.
@@ -412,11 +423,14 @@ impl Execution {
     }
 
     fn next_phase(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
-        if self.phase + 1 == self.phases.len() {
-            return self.end(ExecutionOutcome::Done, None, now_ms);
+        // One that asks for nothing is passed over: here, for a plan from elsewhere may have more of them than could begin and end each in the other.
+        while self.phase + 1 < self.phases.len() {
+            self.phase += 1;
+            if self.current().gripper.is_some() || !self.current().set_points.is_empty() {
+                return self.enter_phase(now_ms);
+            }
         }
-        self.phase += 1;
-        self.enter_phase(now_ms)
+        self.end(ExecutionOutcome::Done, None, now_ms)
     }
 
     /// The next command, empty.

@@ -188,23 +188,27 @@ impl<'a> Between<'a> {
             aside_m = if seen[0] < settings.seen_min { -away_m } else { away_m };
             seen = seen_with(offset_m + aside_m, opening_m);
         }
-        // As far as the fingers come towards the middle with room for the one inside of something hollow.
-        let come = CENTERED.into_iter().find(|come| self.has_room_at(offset_m + (1.0 - come) * aside_m, opening_m));
-        let come = come.filter(|_| self.has_room_at(offset_m + aside_m, opening_m)).ok_or(Misfit::FingerBlocked)?;
+        // As far as the fingers come towards the middle with room all the way for the one inside of something hollow.
+        let down = offset_m + aside_m;
+        let come = CENTERED.into_iter().find(|come| self.has_room([down, offset_m + (1.0 - come) * aside_m], opening_m));
+        let come = come.ok_or(Misfit::FingerBlocked)?;
         let (offset_m, aside_m) = (offset_m + (1.0 - come) * aside_m, come * aside_m);
         let Contact { depth_m, squareness, slope_rad, turn_rad, meeting } = *self.contact.get_or_init(|| self.contact(seen_span, facing));
         let seen = seen[0].min(seen[1]);
         Ok(GripperFit { width_m, offset_m, aside_m, opening_m, depth_m, squareness, slope_rad, turn_rad, meeting, seen })
     }
 
-    /// Whether neither of the open fingers is in the object as it was seen and is believed to be, with their middle there along y.
-    fn has_room_at(&self, middle: f64, opening_m: f64) -> bool {
-        let in_finger = |p: &Vector3<f64>| {
-            let beyond_m = (p.y - middle).abs() - 0.5 * opening_m;
-            (0.0..self.settings.finger_thickness_m).contains(&beyond_m)
+    /// Whether neither of the open fingers meets the object as it was seen and is believed to be, as their middle goes from one place along y to
+    /// another.
+    fn has_room(&self, [from, to]: [f64; 2], opening_m: f64) -> bool {
+        let (half_m, thick_m) = (0.5 * opening_m, self.settings.finger_thickness_m);
+        let (low, high) = (from.min(to), from.max(to));
+        let is_met = |p: &Vector3<f64>| {
+            let by_upper = p.y >= low + half_m && p.y < high + half_m + thick_m;
+            by_upper || p.y <= high - half_m && p.y > low - half_m - thick_m
         };
         let points = self.slab.iter().map(|(p, _)| *p).chain(self.behind_between_pads());
-        points.filter(in_finger).nth(self.settings.strays).is_none()
+        points.filter(is_met).nth(self.settings.strays).is_none()
     }
 
     /// What is believed behind the object, between the planes of the pads.
@@ -441,5 +445,22 @@ mod tests {
         assert!((fit.width_m - 0.06).abs() < 0.004, "{fit:?}");
         let middle = tcp * Point3::new(0.0, fit.offset_m, 0.0);
         assert!(middle.x.abs() < 0.003, "the fingers close about its axis: {middle}");
+    }
+
+    #[test]
+    fn a_finger_that_came_down_inside_of_a_cup_is_not_drawn_through_its_far_wall() {
+        let (view, settings) = (from_the_front(), GripperSettings::default());
+        let wall = |x: f32| (0..5).flat_map(move |k| [-0.006, 0.0, 0.006].map(|y| Point3::new(x, y, 0.07 + 0.004 * k as f32)));
+        let points: Vec<Point3<f32>> = wall(0.0).chain(wall(-0.037)).collect();
+        let normals = vec![Vector3::x(); points.len()];
+        let bounds = repose_geometry::Aabb::of(&points).expect("it has points");
+        let (axis, behind) = (nalgebra::Vector2::zeros(), Vec::new());
+        let object = GraspCloud { points, normals, axis, behind, bounds, middle_m: 0.045, floor_m: 0.017 };
+        let tcp = along_the_view(0.0, 0.08);
+        let between = Between::fingers(&tcp, &object, &view, &settings).expect("the near wall is between them");
+        let (inside, over) = (0.03, 0.0);
+        let has_room = |way: [f64; 2]| between.has_room(way, FINGER_OPENING_MAX_M);
+        assert!(has_room([inside, inside]) && has_room([over, over]), "there is room at both ends");
+        assert!(!has_room([inside, over]) && has_room([inside, 0.9 * inside]), "and not on the way between them");
     }
 }

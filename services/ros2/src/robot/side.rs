@@ -339,7 +339,7 @@ impl RosSide {
     pub fn step(&mut self, now_ms: u64) -> Vec<Do> {
         let since_s = now_ms.saturating_sub(std::mem::replace(&mut self.stepped_ms, now_ms)) as f64 * 1e-3;
         let Some(arm) = &mut self.arm else { return Vec::new() };
-        arm.set_grips(self.hand.state().holding);
+        arm.set_grips(self.hand.state().holding, now_ms as f64 * 1e-3);
         if arm.mode() == RobotMode::Moving && self.measured.age_ms(now_ms).is_none_or(|age_ms| age_ms > JOINTS_OLD_MS) {
             arm.fault("joint_states_silent", format!("no joint states for more than {JOINTS_OLD_MS} ms"));
         }

@@ -261,6 +261,20 @@ fn what_the_hand_held_before_the_driver_started_is_shown_as_held() {
 }
 
 #[test]
+fn what_the_hand_lost_while_the_robot_was_not_connected_it_may_have_lost_just_now() {
+    let mut bench = Bench::new(Model::Fr3);
+    bench.hand = HandReading { width_m: 0.045, grasps: true, ended: 0, failed: 0, connected: true };
+    bench.run(5);
+    bench.disconnect();
+    bench.run(30_000);
+    bench.hand.grasps = false;
+    bench.reconnect();
+    bench.run(5);
+    let state = bench.state();
+    assert!(!state.gripper_holding && state.since_handling_ms.is_some_and(|since_ms| since_ms < 100), "{:?}", state.since_handling_ms);
+}
+
+#[test]
 fn a_driver_that_is_told_to_end_brings_the_arm_to_rest_first() {
     let mut bench = Bench::new(Model::Fr3);
     bench.stream(&turned(0.8), 1500.0).expect("taken");

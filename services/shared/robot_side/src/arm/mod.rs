@@ -92,7 +92,7 @@ pub struct Arm {
     /// The newest instant that was handed in, seconds of the receiver's monotonic clock.
     now_s: f64,
     /// When the hand was last told to close on an object, or to open while it held one, or was last seen to take hold of something or to lose it, or
-    /// may last have been before its driver started, on the same clock.
+    /// may last have been before its driver started, or the world was last made anew, on the same clock.
     handled_s: Option<f64>,
 }
 
@@ -140,8 +140,10 @@ impl Arm {
         arm
     }
 
-    /// Back to the ready pose at rest, as if carried there; owner and latched stop stay.
+    /// Back to the ready pose at rest, as if carried there, among other things than before: what was seen of those is old. Owner and latched stop
+    /// stay.
     pub fn rehome(&mut self) {
+        self.handled_s = Some(self.now_s);
         self.motion = MotionState::at_rest(READY);
         self.stream = None;
         self.braking = None;
@@ -244,11 +246,12 @@ impl Arm {
         self.reflex(kind, reason);
     }
 
-    /// Says whether the fingers stand against something. Where that changes the hand has taken hold of something or lost it, whatever it was told:
-    /// nobody told it to lose what slips out of it, and a commander need not say that it is to grasp.
-    pub fn set_grips(&mut self, grips: bool) {
+    /// Says whether the fingers stand against something at `now_s` of the receiver's monotonic clock. Where that changes the hand has taken hold of
+    /// something or lost it, whatever it was told: nobody told it to lose what slips out of it, and a commander need not say that it is to grasp. After a
+    /// time without a word of the hand or the arm nobody knows when that was: it counts as now.
+    pub fn set_grips(&mut self, grips: bool, now_s: f64) {
         if grips != self.grips {
-            self.handled_s = Some(self.now_s);
+            self.handled_s = Some(now_s);
         }
         self.grips = grips;
     }

@@ -266,7 +266,7 @@ fn a_task_that_is_closed_with_an_object_in_the_hand_or_on_the_way_latches() {
             arm.command(&command(2, 1, swing(0.5, 1000.0)), 0.0).expect("taken");
             run(&mut arm, 300, 0.1);
         } else {
-            arm.set_grips(true);
+            arm.set_grips(true, 0.1);
         }
         arm.command(&task_command(3, 1, false), 0.2).expect("taken");
         run(&mut arm, 1000, 0.3);
@@ -302,7 +302,7 @@ fn what_was_to_be_grasped_is_said_to_be_held_while_the_fingers_find_something() 
     close.task.iter_mut().for_each(|task| task.grasps = Some(held.clone()));
     arm.command(&close, 0.0).expect("taken");
     assert_eq!(arm.held(), None, "the fingers are on their way");
-    arm.set_grips(true);
+    arm.set_grips(true, 0.1);
     arm.command(&task_command(2, 1, true), 0.1).expect("taken");
     assert_eq!(arm.held(), Some(&held));
     let mut open = task_command(3, 1, true);
@@ -326,7 +326,7 @@ fn how_long_ago_the_hand_took_or_let_go_of_something_is_told_whoever_commanded_i
     arm.command(&gripper(2, 0.0, Some(held)), 3.0).expect("taken");
     arm.tick(3.5);
     assert_eq!(arm.since_handling_ms(), Some(500));
-    arm.set_grips(true);
+    arm.set_grips(true, 3.5);
     arm.command(&gripper(3, 0.08, None), 8.0).expect("taken");
     arm.tick(8.25);
     assert_eq!(arm.since_handling_ms(), Some(250), "it has let go");
@@ -339,15 +339,25 @@ fn what_the_hand_takes_hold_of_untold_and_what_slips_out_of_it_makes_scenes_old_
     arm.command(&close, 1.0).expect("taken");
     arm.tick(1.5);
     assert_eq!(arm.since_handling_ms(), None, "it was not told to grasp anything, and has not");
-    arm.set_grips(true);
+    arm.set_grips(true, 1.5);
     arm.tick(1.75);
     assert_eq!(arm.since_handling_ms(), Some(250), "it has taken hold of something");
-    arm.set_grips(true);
+    arm.set_grips(true, 1.75);
     arm.tick(4.0);
     assert_eq!(arm.since_handling_ms(), Some(2500), "it still holds that");
-    arm.set_grips(false);
+    arm.set_grips(false, 4.0);
     arm.tick(4.5);
     assert_eq!(arm.since_handling_ms(), Some(500), "it has slipped out, and lies where no camera had seen it");
+}
+
+#[test]
+fn what_was_seen_before_the_world_was_made_anew_is_old() {
+    let mut arm = Arm::default();
+    arm.tick(5.0);
+    assert_eq!(arm.since_handling_ms(), None);
+    arm.rehome();
+    arm.tick(5.5);
+    assert_eq!(arm.since_handling_ms(), Some(500));
 }
 
 #[test]
