@@ -12,7 +12,7 @@ use repose_dataset::Split;
 use repose_networks::{
     Networks, NetworksConfig, Weights, WeightsInfo,
     layers::{BatchStatistics, Mode},
-    parameters::{DISCRIMINATOR, OUTCOME, Parameters, WeightMap},
+    parameters::{DISCRIMINATOR, OUTCOME, Parameters, RELATIONS, WeightMap},
 };
 
 use crate::{
@@ -96,13 +96,9 @@ struct Run<'a, T: TrainingTask> {
 
 impl<'a, T: TrainingTask> Run<'a, T> {
     fn new(settings: &'a TrainSettings, task: &'a T) -> Result<Self, TrainError> {
-        let config = match settings.relations {
-            RelationsVariant::Paper => NetworksConfig { measures_code: None, ..NetworksConfig::default() },
-            RelationsVariant::Measured => NetworksConfig::default(),
-        };
         let device = settings.device.open()?;
         let mut origin = Origin { start: None, mean_with: Vec::new(), relations: settings.relations };
-        let (networks, parameters, info) = match &settings.start {
+        let (config, networks, parameters, info) = match &settings.start {
             Some(path) => {
                 let mut weights = read("start", path)?;
                 origin.start = Some(name_of(&weights, path, &settings.out));
@@ -113,9 +109,10 @@ impl<'a, T: TrainingTask> Run<'a, T> {
                     others.push((path.clone(), weights.values));
                 }
                 mean_with(&mut weights.values, &others, settings.part)?;
+                let config = shapes(settings, Some(&weights.values));
                 let rng = &mut generator(settings.seed, 0, u64::MAX);
                 let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng, &device)?;
-                (networks, parameters, weights.info)
+                (config, networks, parameters, weights.info)
             }
             None if settings.part == TrainedPart::Relations => {
                 return Err(TrainError::NoStart("the relation predictor is trained on encoders that are trained already"));
@@ -124,8 +121,9 @@ impl<'a, T: TrainingTask> Run<'a, T> {
                 return Err(TrainError::NoStart("mean_with needs weights whose mean is taken with the others"));
             }
             None => {
+                let config = shapes(settings, None);
                 let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX), &device)?;
-                (networks, parameters, WeightsInfo::default())
+                (config, networks, parameters, WeightsInfo::default())
             }
         };
         let open = |split: Split| {
@@ -348,6 +346,17 @@ impl<'a, T: TrainingTask> Run<'a, T> {
 fn views_of(settings: &TrainSettings, split: Split) -> Result<Views, TrainError> {
     let open = if settings.part == TrainedPart::Outcome { Views::released } else { Views::open };
     Ok(open(&settings.data, split)?)
+}
+
+/// The shapes of a run's networks. A relation predictor that is not fitted stays of the variant that it is of in the weights to start from.
+fn shapes(settings: &TrainSettings, start: Option<&WeightMap>) -> NetworksConfig {
+    let fitted = match settings.relations {
+        RelationsVariant::Paper => None,
+        RelationsVariant::Measured => NetworksConfig::default().measures_code,
+    };
+    let is_kept = |weights: &&WeightMap| !settings.part.fits(RELATIONS) && weights.keys().any(|path| path.starts_with(RELATIONS));
+    let measures_code = start.filter(is_kept).map_or(fitted, |weights| NetworksConfig::of_weights(weights).measures_code);
+    NetworksConfig { measures_code, ..NetworksConfig::default() }
 }
 
 /// Weights to start from. A missing outcome network starts as a copy of the discriminator, which knows what objects at rest look like.

@@ -187,6 +187,25 @@ fn the_relation_predictor_is_fitted_alone_on_encoders_that_stay_as_they_are() {
 }
 
 #[test]
+fn a_relation_predictor_that_is_not_fitted_stays_as_it_is_of_either_variant() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let start = folder.path().join("start.safetensors");
+    for config in [NetworksConfig::paper(), NetworksConfig::default()] {
+        std::fs::write(&start, Weights::initial(&config, 3).unwrap()).unwrap();
+        let out = folder.path().join(format!("of_{}.safetensors", config.outcome));
+        let kept = TrainSettings { start: Some(start.clone()), out, ..settings(folder.path(), TrainedPart::Discriminator, 1, 1) };
+        train(&kept).unwrap();
+        let predictor = |path: &Path| {
+            let mut values = Weights::from_bytes(&std::fs::read(path).unwrap()).unwrap().values;
+            values.retain(|name, _| name.starts_with("relations/"));
+            values
+        };
+        assert_eq!(predictor(&kept.out), predictor(&start));
+    }
+}
+
+#[test]
 fn a_run_in_parts_gives_the_weights_of_one_in_one_go() {
     let folder = tempfile::tempdir().unwrap();
     data(&folder.path().join("data"));
