@@ -293,7 +293,8 @@ impl<'a, T: TrainingTask> Run<'a, T> {
         Ok(sums)
     }
 
-    /// Measures on validation scenes and writes weights and checkpoint.
+    /// Measures on validation scenes and writes weights and checkpoint. Nothing is written of what is no longer finite: nobody could read it, and
+    /// no run go on from it.
     fn save(&mut self) -> Result<serde_json::Value, TrainError> {
         let mut weights = self.weights()?;
         let (averaged, _) = Networks::stored(&self.config, &weights, &self.networks.device)?;
@@ -301,6 +302,10 @@ impl<'a, T: TrainingTask> Run<'a, T> {
             if let Some((_, stored)) = weights.get_mut(&name) {
                 *stored = values;
             }
+        }
+        let values = self.parameters.to_map()?;
+        if let Some((parameter, _)) = weights.iter().chain(&values).find(|(_, (_, numbers))| numbers.iter().any(|x| !x.is_finite())) {
+            return Err(TrainError::NotFinite { step: self.step, parameter: parameter.clone() });
         }
         let (averaged, _) = Networks::stored(&self.config, &weights, &self.networks.device)?;
         let metrics = match self.validation.is_empty() {
@@ -319,7 +324,7 @@ impl<'a, T: TrainingTask> Run<'a, T> {
         }
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
-        checkpoint::save(self.settings, &self.origin, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
+        checkpoint::save(self.settings, &self.origin, self.step, &values, &self.average, &self.adam)?;
         // A finished run that is resumed has its last point already.
         let before = self.curve.points.last().map(|point| point.step);
         if let Some(loss) = self.loss.filter(|_| before.is_none_or(|step| step < self.step)) {

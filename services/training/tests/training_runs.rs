@@ -230,6 +230,21 @@ fn a_run_in_parts_gives_the_weights_of_one_in_one_go() {
 }
 
 #[test]
+fn a_run_that_comes_to_no_numbers_leaves_what_was_written_before() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let sound = settings(folder.path(), TrainedPart::Discriminator, 1, 1);
+    train(&sound).unwrap();
+    let written = || [sound.out.clone(), sound.out.with_extension("discriminator.checkpoint")].map(|path| std::fs::read(path).unwrap());
+    let before = written();
+    // The loss of the next step is a number still, and its weights are too large to compute with.
+    let error = train(&TrainSettings { steps: 4, learning_rate: 1e30, checkpoint_steps: 1, ..sound.clone() }).unwrap_err();
+    assert!(matches!(error, TrainError::NotFinite { step: 2, .. }), "{error}");
+    assert!(written() == before);
+    assert_eq!(train(&TrainSettings { steps: 2, ..sound.clone() }).unwrap().steps, 2);
+}
+
+#[test]
 fn weights_to_start_from_that_are_not_there_are_an_error_that_names_the_setting() {
     let folder = tempfile::tempdir().unwrap();
     let there = folder.path().join("there.safetensors");
