@@ -27,7 +27,7 @@ use crate::{
     placement::PlacementTask,
     relations::RelationsTask,
     settings::{RelationsVariant, TrainSettings, TrainedPart},
-    step::{Slot, TrainingContext, draw, generator, gradient},
+    step::{Slot, TrainingContext, draw, generator, gradient, nothing_prepared},
     task::TrainingTask,
     views::Views,
 };
@@ -280,6 +280,9 @@ impl<'a, T: TrainingTask> Run<'a, T> {
             let mut rng = generator(self.settings.seed, self.step, u64::MAX - 1 - k);
             let drawn = (0..STATISTICS_EPISODES).map(|_| draw(&shared, &mut rng));
             let prepared: Vec<T::Prepared> = drawn.filter_map(Result::transpose).collect::<Result<_, _>>()?;
+            if prepared.is_empty() {
+                return Err(nothing_prepared().into());
+            }
             let mode = Mode::Training(BatchStatistics::default());
             let samples = self.settings.samples_per_slot;
             self.task.loss(networks, &self.config, &prepared.iter().collect::<Vec<_>>(), samples, &mode, &mut rng)?;

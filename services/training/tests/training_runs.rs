@@ -353,6 +353,29 @@ fn a_folder_without_training_scenes_is_an_error_that_says_so() {
 }
 
 #[test]
+fn views_of_which_cleaning_leaves_nothing_are_an_error_with_steps_and_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = ShardWriter::new(&folder.path().join("data"), 8, 0).unwrap();
+    for k in 0..2 {
+        let mut view = view(Split::Train.seeds().start + k);
+        for (y0, object) in (20..).step_by(30).zip(&mut view.objects) {
+            object.alone = Layer { x0: 30, y0, width: 100, height: 1, inverse_depth: vec![20_000; 100], color: Vec::new() };
+            (object.alone_px, object.visible_px, object.elsewhere) = (100, 100, None);
+        }
+        writer.push(&view).unwrap();
+    }
+    writer.finish().unwrap();
+    let start = folder.path().join("start.safetensors");
+    std::fs::write(&start, Weights::initial(&NetworksConfig::default(), 3).unwrap()).unwrap();
+    for part in [TrainedPart::Joint, TrainedPart::Discriminator] {
+        for steps in [0, 1] {
+            let error = train(&TrainSettings { start: Some(start.clone()), ..settings(folder.path(), part, 1, steps) }).unwrap_err();
+            assert!(error.to_string().contains("no view of the data could be prepared"), "{error}");
+        }
+    }
+}
+
+#[test]
 fn a_device_that_is_not_there_is_an_error_before_anything_is_read() {
     if candle_core::utils::cuda_is_available() {
         return;
