@@ -115,8 +115,11 @@ impl Views {
     /// Finds the queries of all shards again: with new outcomes, more objects are queries.
     fn find_queries(&mut self) {
         let (mut views, mut queries) = (0, Vec::new());
+        // A short shard that a longer run of the generator has replaced since holds the first scenes of the one in its place.
+        let mut found = BTreeSet::new();
         for (index, shard) in (0..).zip(&self.shards) {
-            for (v, view) in shard.summaries().enumerate().filter(|(_, view)| Split::of_seed(view.scene_seed) == Some(self.split)) {
+            let own = shard.summaries().enumerate().filter(|(_, view)| Split::of_seed(view.scene_seed) == Some(self.split));
+            for (v, view) in own.filter(|(_, view)| found.insert((view.scene_seed, view.view))) {
                 let large = view.alone_px().enumerate().filter(|(_, px)| *px as usize >= PIXELS_LEAST);
                 let usable: Vec<Query> = large.map(|(k, _)| Query { shard: index, view: v as u16, object: k as u16 }).collect();
                 if usable.len() >= 2 {

@@ -335,6 +335,23 @@ fn outcomes_that_are_added_while_a_run_goes_on_are_drawn_too() {
 }
 
 #[test]
+fn scenes_of_a_short_shard_that_is_replaced_while_a_run_goes_on_count_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut short = ShardWriter::new(folder.path(), 8, 0).unwrap().with_suffix("_of_2_scenes");
+    for k in 0..2 {
+        short.push(&view(Split::Train.seeds().start + k)).unwrap();
+    }
+    short.finish().unwrap();
+    let mut views = Views::open(folder.path(), Split::Train).unwrap();
+    assert_eq!(views.len(), 2);
+    std::fs::remove_file(ShardWriter::shard_path(folder.path(), 0, "_of_2_scenes")).unwrap();
+    data(folder.path());
+    views.rescan().unwrap();
+    let anew = Views::open(folder.path(), Split::Train).unwrap();
+    assert_eq!((views.len(), views.queries()), (anew.len(), anew.queries()));
+}
+
+#[test]
 fn scenes_without_outcomes_are_told_from_no_scenes() {
     let folder = tempfile::tempdir().unwrap();
     let shards = folder.path().join("data");
