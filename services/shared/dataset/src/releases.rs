@@ -291,7 +291,7 @@ mod tests {
         let of = |scenes| releases_path(folder.path(), 0, scenes);
         write_releases(&of(3), &json!({}), &[record(1), record(2)]).unwrap();
         // Where the new one is written before it is renamed, there is no room for it.
-        std::fs::create_dir(of(16).with_extension("safetensors.tmp")).unwrap();
+        std::fs::create_dir(of(16).with_extension(format!("safetensors.{}.tmp", std::process::id()))).unwrap();
         assert!(write_releases(&of(16), &json!({}), &[record(1)]).is_err());
         assert_eq!(read_releases(folder.path()).unwrap(), [record(1), record(2)]);
     }
