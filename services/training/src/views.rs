@@ -4,6 +4,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
+    io::ErrorKind,
     path::{Path, PathBuf},
 };
 
@@ -94,12 +95,18 @@ impl Views {
     pub fn rescan(&mut self) -> Result<usize, ReadError> {
         let before = self.views;
         for path in shard_paths(&self.folder)? {
-            if self.seen.insert(path.clone()) {
-                let shard = Shard::open(&path)?;
-                // Shards of other splits may lie in the same folder.
-                if shard.summaries().any(|view| Split::of_seed(view.scene_seed) == Some(self.split)) {
-                    self.shards.push(shard);
-                }
+            if self.seen.contains(&path) {
+                continue;
+            }
+            let shard = match Shard::open(&path) {
+                // It was there a moment ago: a longer run of the generator is replacing it.
+                Err(ReadError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => continue,
+                opened => opened?,
+            };
+            self.seen.insert(path);
+            // Shards of other splits may lie in the same folder.
+            if shard.summaries().any(|view| Split::of_seed(view.scene_seed) == Some(self.split)) {
+                self.shards.push(shard);
             }
         }
         if let Some(releases) = &mut self.releases {

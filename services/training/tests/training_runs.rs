@@ -351,6 +351,16 @@ fn scenes_of_a_short_shard_that_is_replaced_while_a_run_goes_on_count_once() {
     assert_eq!((views.len(), views.queries()), (anew.len(), anew.queries()));
 }
 
+#[cfg(unix)]
+#[test]
+fn a_shard_that_has_gone_since_it_was_listed_is_passed_over() {
+    let folder = tempfile::tempdir().unwrap();
+    data(folder.path());
+    let before = Views::open(folder.path(), Split::Train).unwrap().len();
+    std::os::unix::fs::symlink("gone", ShardWriter::shard_path(folder.path(), 7, "_of_2_scenes")).unwrap();
+    assert_eq!(Views::open(folder.path(), Split::Train).unwrap().len(), before);
+}
+
 #[test]
 fn scenes_without_outcomes_are_told_from_no_scenes() {
     let folder = tempfile::tempdir().unwrap();
