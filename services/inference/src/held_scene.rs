@@ -70,10 +70,11 @@ impl HeldScene {
         *self.yaws_rad.lock().unwrap_or_else(PoisonError::into_inner).entry(id).or_insert_with(found)
     }
 
-    /// Roughly how much memory the scene and its preparations take, bytes.
+    /// Roughly how much memory the scene, its preparations and what these keep come to take, bytes.
     pub fn bytes(&self) -> usize {
         // Points, labels and colors, and about as much again for each preparation.
-        self.scene.points.len() * 17 * (1 + VIEWERS) + self.scene.as_sent.as_ref().map_or(0, |text| text.len())
+        let (points, said) = (self.scene.points.len(), self.scene.as_sent.as_ref().map_or(0, |text| text.len()));
+        points * 17 * (1 + VIEWERS) + VIEWERS * SceneContext::kept_bytes(points) + said
     }
 }
 
@@ -108,5 +109,14 @@ pub(crate) mod tests {
         };
         let points_m = vec![[x, 0.0, 0.0]; points];
         Scene { camera_name: "front".to_owned(), stamp_ns: 0, labels: vec![1; points], points: points_m, colors: None, meta, as_sent: None }
+    }
+
+    #[test]
+    fn what_is_kept_of_the_queries_that_are_asked_about_counts_too() {
+        let bytes = |points| HeldScene::new("scene".to_owned(), Arc::new(scene(points, 0.0))).bytes();
+        let of_points = 2048 * 17 * (1 + VIEWERS);
+        // For each viewer, the features of four queries, about 2 MB each.
+        assert!((of_points + VIEWERS * 4 * 1_600_000..of_points + VIEWERS * 4 * 2_400_000).contains(&bytes(2048)), "{}", bytes(2048));
+        assert!(bytes(10) < 200_000, "a scene of few points has few centroids");
     }
 }

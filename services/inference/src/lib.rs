@@ -91,6 +91,12 @@ pub fn engine_of(config: &InferenceConfig) -> Result<Engine, InferenceError> {
     Ok(engine)
 }
 
+/// The same off the threads that serve the network.
+async fn loaded(config: InferenceConfig) -> Result<Engine, InferenceError> {
+    let engine = tokio::task::spawn_blocking(move || engine_of(&config)).await;
+    engine.map_err(|e| RuntimeError::System { operation: "loading the weights".to_owned(), source: std::io::Error::other(e) })?
+}
+
 /// Serves until `shutdown`.
 ///
 /// # Errors
@@ -98,10 +104,7 @@ pub fn engine_of(config: &InferenceConfig) -> Result<Engine, InferenceError> {
 pub async fn run(session: Session, config: InferenceConfig, shutdown: Shutdown) -> Result<(), InferenceError> {
     // Looked at before it is read: what replaces it meanwhile is then seen as new.
     let version = weights_file::Version::of(&config);
-    let first = config.clone();
-    let engine = tokio::task::spawn_blocking(move || engine_of(&first)).await;
-    let engine =
-        engine.map_err(|e| RuntimeError::System { operation: "loading the weights".to_owned(), source: std::io::Error::other(e) })??;
+    let engine = loaded(config.clone()).await?;
     let worker = Arc::new(worker::Worker::start(engine, &config, session.cell_shares())?);
     let _watch = weights_file::watch(&worker, &config, version);
     session.serve(Service::Inference, Arc::new(endpoints::Endpoints::new(worker)), shutdown).await?;

@@ -1,5 +1,6 @@
 //! Weights that change while they are served: the file is checked at intervals, and new weights are loaded and tried before they replace the
-//! old. A file that cannot be read or does not fit is reported once, and the old weights stay in service.
+//! old. A file that cannot be read or does not fit is reported once, and the old weights stay in service; one that cannot be read is tried again
+//! at every check, since what it is put right by (its owner, its mode, a file less that is open) leaves it as old and as long as it was.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,8 +9,8 @@ use std::time::{Duration, SystemTime};
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::config::InferenceConfig;
-use crate::engine_of;
 use crate::worker::Worker;
+use crate::{InferenceError, loaded};
 
 /// What distinguishes versions of a file: when it was written, its length, and which file it is; `None` without a file.
 ///
@@ -45,6 +46,7 @@ pub fn watch(worker: &Arc<Worker>, config: &InferenceConfig, mut served: Version
     let path = config.weights.clone().filter(|_| config.weights_check_ms > 0)?;
     let every = Duration::from_millis(config.weights_check_ms);
     let (worker, config) = (Arc::clone(worker), config.clone());
+    let mut reported = served;
     Some(AbortOnDropHandle::new(tokio::spawn(async move {
         loop {
             tokio::time::sleep(every).await;
@@ -53,22 +55,29 @@ pub fn watch(worker: &Arc<Worker>, config: &InferenceConfig, mut served: Version
             if found == Version(None) || found == served {
                 continue;
             }
-            served = found;
-            swap(&worker, &path, config.clone()).await;
+            match swap(&worker, &path, config.clone()).await {
+                Err(InferenceError::File { .. }) if found == reported => {}
+                Err(error @ InferenceError::File { .. }) => tracing::error!(%error, "the new weights cannot be read"),
+                Err(error) => {
+                    tracing::error!(path = %path.display(), %error, "the new weights are not served");
+                    served = found;
+                }
+                Ok(()) => served = found,
+            }
+            reported = found;
         }
     })))
 }
 
-/// Serves the file's weights from now on, if they can be served.
-async fn swap(worker: &Arc<Worker>, path: &Path, config: InferenceConfig) {
-    match tokio::task::spawn_blocking(move || engine_of(&config)).await {
-        Ok(Ok(engine)) => {
-            tracing::info!(path = %path.display(), from = worker.engine().weights_hash(), to = engine.weights_hash(), "new weights");
-            worker.serve_with(engine);
-        }
-        Ok(Err(error)) => tracing::error!(path = %path.display(), %error, "the new weights are not served"),
-        Err(error) => tracing::error!(path = %path.display(), %error, "loading the new weights failed"),
-    }
+/// Serves the file's weights from now on.
+///
+/// # Errors
+/// When they cannot be read or served: those before stay in service.
+async fn swap(worker: &Arc<Worker>, path: &Path, config: InferenceConfig) -> Result<(), InferenceError> {
+    let engine = loaded(config).await?;
+    tracing::info!(path = %path.display(), from = worker.engine().weights_hash(), to = engine.weights_hash(), "new weights");
+    worker.serve_with(engine);
+    Ok(())
 }
 
 #[cfg(test)]
@@ -76,6 +85,7 @@ mod tests {
     use repose_networks::{NetworksConfig, Weights};
 
     use super::*;
+    use crate::engine_of;
 
     /// Renamed into place, as any file in use should be replaced.
     fn put(path: &Path, bytes: &[u8]) {
@@ -110,6 +120,31 @@ mod tests {
         assert_eq!(worker.engine().weights_hash(), hashes[0]);
         put(&path, &weights[1]);
         assert!(comes_to_be(&worker, &hashes[1]).await);
+    }
+
+    #[cfg(unix)]
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_file_that_could_not_be_read_is_served_once_it_can_be() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("weights.safetensors");
+        let weights = [1, 2].map(|seed| Weights::initial(&NetworksConfig::paper(), seed).unwrap());
+        put(&path, &weights[0]);
+        let config = InferenceConfig { weights: Some(path.clone()), threads: 1, weights_check_ms: 10, ..InferenceConfig::default() };
+        let worker = Arc::new(Worker::start(engine_of(&config).unwrap(), &config, Arc::default()).unwrap());
+        let _watch = watch(&worker, &config, Version::of(&config)).unwrap();
+        let beside = path.with_extension("new");
+        std::fs::write(&beside, &weights[1]).unwrap();
+        let mode = |path: &Path, mode: u32| std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+        mode(&beside, 0o000);
+        std::fs::rename(&beside, &path).unwrap();
+        if std::fs::read(&path).is_ok() {
+            // Nothing is kept from root.
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        mode(&path, 0o600);
+        assert!(comes_to_be(&worker, &Weights::from_bytes(&weights[1]).unwrap().hash).await);
     }
 
     #[cfg(unix)]

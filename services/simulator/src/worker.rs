@@ -1,7 +1,8 @@
 //! The thread that owns the world: steps it at the configured rate, takes commands and requests, shows states and frames.
 //!
 //! What goes out is the newest only (a reader that is late sees the next one); what comes in waits in a bounded queue and is refused when
-//! that is full. When the machine does not keep up, simulated time falls behind rather than running in bursts.
+//! that is full. When the machine does not keep up, simulated time falls behind rather than running in bursts: between a few steps the world
+//! listens.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Mutex, PoisonError};
@@ -23,9 +24,9 @@ use crate::robot::{ArmSettings, HandSettings};
 
 /// Longest real time that is made up for when the thread was held up; more is lost to simulated time.
 const CATCH_UP: Duration = Duration::from_millis(60);
-/// How long nothing has to move until physics is left out; a command takes it up again.
-const STILL_FOR: Duration = Duration::from_secs(1);
-/// Longest nap between two looks at the clock.
+/// How long nothing has to move until physics is left out, milliseconds of robot time; a command takes it up again.
+const STILL_FOR_MS: f64 = 1000.0;
+/// Longest nap between two looks at the clock, and longest that the world is stepped between two looks at what comes in.
 const NAP: Duration = Duration::from_millis(2);
 /// Metres per count of the frames' depth.
 const DEPTH_UNIT_M: f64 = 0.001;
@@ -70,8 +71,9 @@ impl Worker {
             states: states_out,
             frames: frames_out,
             started: Instant::now(),
+            stepped_to: Instant::now(),
             states_made: 0,
-            moved: Instant::now(),
+            moved_ms: 0.0,
         };
         let thread = std::thread::Builder::new().name("world".to_owned()).spawn(move || world.run())?;
         Ok(Self { inputs: Mutex::new(Some(inputs)), stops, states, frames, thread: Mutex::new(Some(thread)) })
@@ -163,19 +165,22 @@ struct Running {
     states: watch::Sender<Option<Payload>>,
     frames: watch::Sender<Option<Payload>>,
     started: Instant,
+    /// Up to when the world was stepped.
+    stepped_to: Instant,
     states_made: u64,
-    /// When something last moved, or was commanded to.
-    moved: Instant,
+    /// When something last moved, or was commanded to, milliseconds of robot time.
+    moved_ms: f64,
 }
 
 impl Running {
     fn run(mut self) {
         let period = |ms: u64| Duration::from_millis(ms);
         let step = Duration::from_secs_f64(self.cell.step_s() / self.config.time_scale);
-        let (mut stepped_to, mut next_state, mut next_frame) = (Instant::now(), Instant::now(), Instant::now());
+        let (mut next_state, mut next_frame) = (Instant::now(), Instant::now());
         let mut mode = self.cell.arm.mode();
         loop {
-            let first = match self.waiting.recv_timeout(NAP.min(step)) {
+            let next_step = (self.stepped_to + step).saturating_duration_since(Instant::now());
+            let first = match self.waiting.recv_timeout(NAP.min(next_step)) {
                 Ok(input) => Some(input),
                 Err(RecvTimeoutError::Timeout) => None,
                 Err(RecvTimeoutError::Disconnected) => return,
@@ -187,19 +192,8 @@ impl Running {
             for input in first.into_iter().chain(others) {
                 self.take(input);
             }
+            self.catch_up(step);
             let now = Instant::now();
-            stepped_to = stepped_to.max(now.checked_sub(CATCH_UP).unwrap_or(stepped_to));
-            while stepped_to + step <= now {
-                let now_s = self.now_s();
-                match self.moved.elapsed() < STILL_FOR {
-                    true => self.cell.step(now_s),
-                    false => self.cell.pass(now_s),
-                }
-                stepped_to += step;
-            }
-            if !self.cell.is_still() {
-                self.moved = now;
-            }
             let changed = std::mem::replace(&mut mode, self.cell.arm.mode()) != mode;
             if changed || now >= next_state {
                 next_state = now + period(self.config.state_period_ms);
@@ -212,10 +206,27 @@ impl Running {
         }
     }
 
+    /// Steps the world up to now, for a nap's time at most: a world that cannot keep up hears of stops and commands all the same.
+    fn catch_up(&mut self, step: Duration) {
+        let now = Instant::now();
+        self.stepped_to = self.stepped_to.max(now.checked_sub(CATCH_UP).unwrap_or(self.stepped_to));
+        while self.stepped_to + step <= now && now.elapsed() < NAP {
+            let now_s = self.now_s();
+            match self.cell.robot_ms() - self.moved_ms < STILL_FOR_MS {
+                true => self.cell.step(now_s),
+                false => self.cell.pass(now_s),
+            }
+            self.stepped_to += step;
+            if !self.cell.is_still() {
+                self.moved_ms = self.cell.robot_ms();
+            }
+        }
+    }
+
     fn take(&mut self, input: Input) {
         match input {
             Input::Command { command, received } => {
-                self.moved = Instant::now();
+                self.moved_ms = self.cell.robot_ms();
                 let received_s = received.saturating_duration_since(self.started).as_secs_f64();
                 let now_s = self.now_s();
                 if let Err(why) = self.cell.arm.late_command(&command, received_s, now_s) {
@@ -238,7 +249,7 @@ impl Running {
         if let (Some(task), RobotMode::Idle) = (self.cell.arm.task(), self.cell.arm.mode()) {
             return Err(CallError::precondition(format!("the robot carries out task {task}")));
         }
-        self.moved = Instant::now();
+        self.moved_ms = self.cell.robot_ms();
         self.cell.reset(seed).map_err(|error| CallError::precondition(error.to_string()).at("seed"))?;
         self.show_state();
         self.show_frame();
@@ -318,4 +329,32 @@ fn show(to: &watch::Sender<Option<Payload>>, payload: Result<Payload, CallError>
 
 fn wall_ns() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_world_that_cannot_keep_up_with_its_clock_listens_after_a_few_steps() {
+        let started = Instant::now();
+        let cell = CellWorld::new(1, CellSettings::default(), ArmSettings::default(), HandSettings::default()).expect("a scene");
+        let mut world = Running {
+            cell,
+            config: SimulatorConfig::default(),
+            waiting: sync_channel(1).1,
+            waiting_stops: sync_channel(1).1,
+            states: watch::channel(None).0,
+            frames: watch::channel(None).0,
+            started,
+            // Since before the scene was made: longer ago than is made up for.
+            stepped_to: started,
+            states_made: 0,
+            moved_ms: 0.0,
+        };
+        // Some sixty million steps are due, which take minutes.
+        world.catch_up(Duration::from_nanos(1));
+        let taken = world.cell.robot_ms() * 1e-3 / world.cell.step_s();
+        assert!((0.5..1e6).contains(&taken), "{taken} steps");
+    }
 }

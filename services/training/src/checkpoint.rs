@@ -59,7 +59,17 @@ pub struct TrainingState {
 }
 
 fn path(settings: &TrainSettings) -> PathBuf {
-    settings.out.with_extension(format!("{}.checkpoint", settings.part.name()))
+    beside(settings, "checkpoint")
+}
+
+/// The path of what a run keeps beside its weights: `weights.safetensors` → `weights.joint.checkpoint`. Any other ending is part of the weights'
+/// name: `run.1` and `run.2` are two runs.
+pub fn beside(settings: &TrainSettings, ending: &str) -> PathBuf {
+    let out = &settings.out;
+    let weights = if out.extension().is_some_and(|e| e == "safetensors") { out.with_extension("") } else { out.clone() };
+    let mut path = weights.into_os_string();
+    path.push(format!(".{}.{ending}", settings.part.name()));
+    path.into()
 }
 
 /// Replaces a file atomically: readers and interruptions never see half of it.
@@ -125,4 +135,17 @@ pub fn load(settings: &TrainSettings, origin: &Origin) -> Result<Option<Training
         of("first").into_iter().filter_map(|(name, (_, first))| Some((name.clone(), (first, second.get(&name)?.1.clone())))).collect();
     let adam = AdamW::restore(number("adam_step").unwrap_or(0) as i32, moments);
     Ok(Some(TrainingState { step: number("step").unwrap_or(0), values: of("value"), average: of("average"), adam }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_that_write_other_weights_keep_other_files() {
+        let kept = |out: &str| beside(&TrainSettings { out: out.into(), ..TrainSettings::default() }, "checkpoint");
+        assert_eq!(kept("out/weights.safetensors"), Path::new("out/weights.joint.checkpoint"));
+        assert_eq!(kept("out/round.2.safetensors"), Path::new("out/round.2.joint.checkpoint"));
+        assert_eq!(["out/run.1", "out/run.2"].map(kept), ["out/run.1.joint.checkpoint", "out/run.2.joint.checkpoint"].map(PathBuf::from));
+    }
 }

@@ -1,6 +1,6 @@
 //! Learning curves: what a run measured at its checkpoints, kept beside the weights as JSON and drawn as SVG.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use plotters::prelude::*;
 use repose_proto::Relation;
@@ -127,8 +127,7 @@ fn panel(
 
 /// `weights.safetensors` → `weights.joint.curve.json`.
 fn path_of(settings: &TrainSettings, extension: &str) -> PathBuf {
-    let out: &Path = &settings.out;
-    out.with_extension(format!("{}.curve.{extension}", settings.part.name()))
+    checkpoint::beside(settings, &format!("curve.{extension}"))
 }
 
 #[cfg(test)]

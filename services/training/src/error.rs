@@ -102,6 +102,14 @@ pub enum TrainError {
         /// What the loss was.
         loss: f64,
     },
+    /// What was trained is no longer a number, though the loss still was one; the last checkpoint is kept.
+    #[error("step {step}: {parameter} is not finite")]
+    NotFinite {
+        /// Steps done.
+        step: u64,
+        /// The first parameter or running statistic of which this is true.
+        parameter: String,
+    },
     /// A file could not be read or written.
     #[error("{path}: {source}")]
     Io {
@@ -122,7 +130,12 @@ impl TrainError {
             Self::StartFile { field, .. } | Self::StartWeights { field, .. } | Self::OtherRun { field, .. } => Some(field),
             Self::Mean { .. } => Some("mean_with"),
             Self::Cuda(_) => Some("device"),
-            Self::Checkpoint { .. } | Self::Weights(_) | Self::Tensors(_) | Self::Diverged { .. } | Self::Io { .. } => None,
+            Self::Checkpoint { .. }
+            | Self::Weights(_)
+            | Self::Tensors(_)
+            | Self::Diverged { .. }
+            | Self::NotFinite { .. }
+            | Self::Io { .. } => None,
         }
     }
 }

@@ -130,7 +130,7 @@ fn slot_gradient<T: TrainingTask>(
     let mut rng = generator(settings.seed, step, number.wrapping_mul(2) + 1);
     let mut prepared: Vec<&T::Prepared> = slot.prepared.iter().collect();
     if prepared.is_empty() {
-        candle_core::bail!("no view of the data could be prepared in {TRIES} tries");
+        return Err(nothing_prepared());
     }
     for i in (1..prepared.len()).rev() {
         prepared.swap(i, rng.random_range(0..=i));
@@ -164,6 +164,11 @@ pub fn draw<T: TrainingTask>(shared: &TrainingContext<'_, T>, rng: &mut Pcg64) -
         }
     }
     Ok(None)
+}
+
+/// Why there is nothing to learn from, though there are views: each that was drawn shows too little.
+pub fn nothing_prepared() -> candle_core::Error {
+    candle_core::Error::Msg(format!("no view of the data could be prepared in {TRIES} tries"))
 }
 
 fn mean(results: Vec<StepResult>) -> Result<StepResult> {

@@ -12,7 +12,7 @@ use repose_dataset::Split;
 use repose_networks::{
     Networks, NetworksConfig, Weights, WeightsInfo,
     layers::{BatchStatistics, Mode},
-    parameters::{DISCRIMINATOR, OUTCOME, Parameters, WeightMap},
+    parameters::{DISCRIMINATOR, OUTCOME, Parameters, RELATIONS, WeightMap},
 };
 
 use crate::{
@@ -27,7 +27,7 @@ use crate::{
     placement::PlacementTask,
     relations::RelationsTask,
     settings::{RelationsVariant, TrainSettings, TrainedPart},
-    step::{Slot, TrainingContext, draw, generator, gradient},
+    step::{Slot, TrainingContext, draw, generator, gradient, nothing_prepared},
     task::TrainingTask,
     views::Views,
 };
@@ -96,13 +96,9 @@ struct Run<'a, T: TrainingTask> {
 
 impl<'a, T: TrainingTask> Run<'a, T> {
     fn new(settings: &'a TrainSettings, task: &'a T) -> Result<Self, TrainError> {
-        let config = match settings.relations {
-            RelationsVariant::Paper => NetworksConfig { measures_code: None, ..NetworksConfig::default() },
-            RelationsVariant::Measured => NetworksConfig::default(),
-        };
         let device = settings.device.open()?;
         let mut origin = Origin { start: None, mean_with: Vec::new(), relations: settings.relations };
-        let (networks, parameters, info) = match &settings.start {
+        let (config, networks, parameters, info) = match &settings.start {
             Some(path) => {
                 let mut weights = read("start", path)?;
                 origin.start = Some(name_of(&weights, path, &settings.out));
@@ -113,9 +109,10 @@ impl<'a, T: TrainingTask> Run<'a, T> {
                     others.push((path.clone(), weights.values));
                 }
                 mean_with(&mut weights.values, &others, settings.part)?;
+                let config = shapes(settings, Some(&weights.values));
                 let rng = &mut generator(settings.seed, 0, u64::MAX);
                 let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng, &device)?;
-                (networks, parameters, weights.info)
+                (config, networks, parameters, weights.info)
             }
             None if settings.part == TrainedPart::Relations => {
                 return Err(TrainError::NoStart("the relation predictor is trained on encoders that are trained already"));
@@ -124,8 +121,9 @@ impl<'a, T: TrainingTask> Run<'a, T> {
                 return Err(TrainError::NoStart("mean_with needs weights whose mean is taken with the others"));
             }
             None => {
+                let config = shapes(settings, None);
                 let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX), &device)?;
-                (networks, parameters, WeightsInfo::default())
+                (config, networks, parameters, WeightsInfo::default())
             }
         };
         let open = |split: Split| {
@@ -282,6 +280,9 @@ impl<'a, T: TrainingTask> Run<'a, T> {
             let mut rng = generator(self.settings.seed, self.step, u64::MAX - 1 - k);
             let drawn = (0..STATISTICS_EPISODES).map(|_| draw(&shared, &mut rng));
             let prepared: Vec<T::Prepared> = drawn.filter_map(Result::transpose).collect::<Result<_, _>>()?;
+            if prepared.is_empty() {
+                return Err(nothing_prepared().into());
+            }
             let mode = Mode::Training(BatchStatistics::default());
             let samples = self.settings.samples_per_slot;
             self.task.loss(networks, &self.config, &prepared.iter().collect::<Vec<_>>(), samples, &mode, &mut rng)?;
@@ -295,7 +296,8 @@ impl<'a, T: TrainingTask> Run<'a, T> {
         Ok(sums)
     }
 
-    /// Measures on validation scenes and writes weights and checkpoint.
+    /// Measures on validation scenes and writes weights and checkpoint. Nothing is written of what is no longer finite: nobody could read it, and
+    /// no run go on from it.
     fn save(&mut self) -> Result<serde_json::Value, TrainError> {
         let mut weights = self.weights()?;
         let (averaged, _) = Networks::stored(&self.config, &weights, &self.networks.device)?;
@@ -303,6 +305,10 @@ impl<'a, T: TrainingTask> Run<'a, T> {
             if let Some((_, stored)) = weights.get_mut(&name) {
                 *stored = values;
             }
+        }
+        let values = self.parameters.to_map()?;
+        if let Some((parameter, _)) = weights.iter().chain(&values).find(|(_, (_, numbers))| numbers.iter().any(|x| !x.is_finite())) {
+            return Err(TrainError::NotFinite { step: self.step, parameter: parameter.clone() });
         }
         let (averaged, _) = Networks::stored(&self.config, &weights, &self.networks.device)?;
         let metrics = match self.validation.is_empty() {
@@ -321,7 +327,7 @@ impl<'a, T: TrainingTask> Run<'a, T> {
         }
         set(&mut self.info.recipe, part, recipe);
         checkpoint::write(&self.settings.out, &Weights::to_bytes(&weights, &self.info)?)?;
-        checkpoint::save(self.settings, &self.origin, self.step, &self.parameters.to_map()?, &self.average, &self.adam)?;
+        checkpoint::save(self.settings, &self.origin, self.step, &values, &self.average, &self.adam)?;
         // A finished run that is resumed has its last point already.
         let before = self.curve.points.last().map(|point| point.step);
         if let Some(loss) = self.loss.filter(|_| before.is_none_or(|step| step < self.step)) {
@@ -348,6 +354,17 @@ impl<'a, T: TrainingTask> Run<'a, T> {
 fn views_of(settings: &TrainSettings, split: Split) -> Result<Views, TrainError> {
     let open = if settings.part == TrainedPart::Outcome { Views::released } else { Views::open };
     Ok(open(&settings.data, split)?)
+}
+
+/// The shapes of a run's networks. A relation predictor that is not fitted stays of the variant that it is of in the weights to start from.
+fn shapes(settings: &TrainSettings, start: Option<&WeightMap>) -> NetworksConfig {
+    let fitted = match settings.relations {
+        RelationsVariant::Paper => None,
+        RelationsVariant::Measured => NetworksConfig::default().measures_code,
+    };
+    let is_kept = |weights: &&WeightMap| !settings.part.fits(RELATIONS) && weights.keys().any(|path| path.starts_with(RELATIONS));
+    let measures_code = start.filter(is_kept).map_or(fitted, |weights| NetworksConfig::of_weights(weights).measures_code);
+    NetworksConfig { measures_code, ..NetworksConfig::default() }
 }
 
 /// Weights to start from. A missing outcome network starts as a copy of the discriminator, which knows what objects at rest look like.

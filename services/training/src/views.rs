@@ -4,6 +4,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
+    io::ErrorKind,
     path::{Path, PathBuf},
 };
 
@@ -94,12 +95,18 @@ impl Views {
     pub fn rescan(&mut self) -> Result<usize, ReadError> {
         let before = self.views;
         for path in shard_paths(&self.folder)? {
-            if self.seen.insert(path.clone()) {
-                let shard = Shard::open(&path)?;
-                // Shards of other splits may lie in the same folder.
-                if shard.summaries().any(|view| Split::of_seed(view.scene_seed) == Some(self.split)) {
-                    self.shards.push(shard);
-                }
+            if self.seen.contains(&path) {
+                continue;
+            }
+            let shard = match Shard::open(&path) {
+                // It was there a moment ago: a longer run of the generator is replacing it.
+                Err(ReadError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => continue,
+                opened => opened?,
+            };
+            self.seen.insert(path);
+            // Shards of other splits may lie in the same folder.
+            if shard.summaries().any(|view| Split::of_seed(view.scene_seed) == Some(self.split)) {
+                self.shards.push(shard);
             }
         }
         if let Some(releases) = &mut self.releases {
@@ -115,8 +122,11 @@ impl Views {
     /// Finds the queries of all shards again: with new outcomes, more objects are queries.
     fn find_queries(&mut self) {
         let (mut views, mut queries) = (0, Vec::new());
+        // A short shard that a longer run of the generator has replaced since holds the first scenes of the one in its place.
+        let mut found = BTreeSet::new();
         for (index, shard) in (0..).zip(&self.shards) {
-            for (v, view) in shard.summaries().enumerate().filter(|(_, view)| Split::of_seed(view.scene_seed) == Some(self.split)) {
+            let own = shard.summaries().enumerate().filter(|(_, view)| Split::of_seed(view.scene_seed) == Some(self.split));
+            for (v, view) in own.filter(|(_, view)| found.insert((view.scene_seed, view.view))) {
                 let large = view.alone_px().enumerate().filter(|(_, px)| *px as usize >= PIXELS_LEAST);
                 let usable: Vec<Query> = large.map(|(k, _)| Query { shard: index, view: v as u16, object: k as u16 }).collect();
                 if usable.len() >= 2 {

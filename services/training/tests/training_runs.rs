@@ -187,6 +187,25 @@ fn the_relation_predictor_is_fitted_alone_on_encoders_that_stay_as_they_are() {
 }
 
 #[test]
+fn a_relation_predictor_that_is_not_fitted_stays_as_it_is_of_either_variant() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let start = folder.path().join("start.safetensors");
+    for config in [NetworksConfig::paper(), NetworksConfig::default()] {
+        std::fs::write(&start, Weights::initial(&config, 3).unwrap()).unwrap();
+        let out = folder.path().join(format!("of_{}.safetensors", config.outcome));
+        let kept = TrainSettings { start: Some(start.clone()), out, ..settings(folder.path(), TrainedPart::Discriminator, 1, 1) };
+        train(&kept).unwrap();
+        let predictor = |path: &Path| {
+            let mut values = Weights::from_bytes(&std::fs::read(path).unwrap()).unwrap().values;
+            values.retain(|name, _| name.starts_with("relations/"));
+            values
+        };
+        assert_eq!(predictor(&kept.out), predictor(&start));
+    }
+}
+
+#[test]
 fn a_run_in_parts_gives_the_weights_of_one_in_one_go() {
     let folder = tempfile::tempdir().unwrap();
     data(&folder.path().join("data"));
@@ -208,6 +227,21 @@ fn a_run_in_parts_gives_the_weights_of_one_in_one_go() {
     let ((steps, loss), (steps_in_parts, loss_in_parts)) = (last(&whole), last(&parts));
     assert_eq!((steps, steps_in_parts), (5, 5));
     assert!((loss - loss_in_parts).abs() < 1e-12, "{loss} and {loss_in_parts}");
+}
+
+#[test]
+fn a_run_that_comes_to_no_numbers_leaves_what_was_written_before() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let sound = settings(folder.path(), TrainedPart::Discriminator, 1, 1);
+    train(&sound).unwrap();
+    let written = || [sound.out.clone(), sound.out.with_extension("discriminator.checkpoint")].map(|path| std::fs::read(path).unwrap());
+    let before = written();
+    // The loss of the next step is a number still, and its weights are too large to compute with.
+    let error = train(&TrainSettings { steps: 4, learning_rate: 1e30, checkpoint_steps: 1, ..sound.clone() }).unwrap_err();
+    assert!(matches!(error, TrainError::NotFinite { step: 2, .. }), "{error}");
+    assert!(written() == before);
+    assert_eq!(train(&TrainSettings { steps: 2, ..sound.clone() }).unwrap().steps, 2);
 }
 
 #[test]
@@ -301,6 +335,33 @@ fn outcomes_that_are_added_while_a_run_goes_on_are_drawn_too() {
 }
 
 #[test]
+fn scenes_of_a_short_shard_that_is_replaced_while_a_run_goes_on_count_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut short = ShardWriter::new(folder.path(), 8, 0).unwrap().with_suffix("_of_2_scenes");
+    for k in 0..2 {
+        short.push(&view(Split::Train.seeds().start + k)).unwrap();
+    }
+    short.finish().unwrap();
+    let mut views = Views::open(folder.path(), Split::Train).unwrap();
+    assert_eq!(views.len(), 2);
+    std::fs::remove_file(ShardWriter::shard_path(folder.path(), 0, "_of_2_scenes")).unwrap();
+    data(folder.path());
+    views.rescan().unwrap();
+    let anew = Views::open(folder.path(), Split::Train).unwrap();
+    assert_eq!((views.len(), views.queries()), (anew.len(), anew.queries()));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_shard_that_has_gone_since_it_was_listed_is_passed_over() {
+    let folder = tempfile::tempdir().unwrap();
+    data(folder.path());
+    let before = Views::open(folder.path(), Split::Train).unwrap().len();
+    std::os::unix::fs::symlink("gone", ShardWriter::shard_path(folder.path(), 7, "_of_2_scenes")).unwrap();
+    assert_eq!(Views::open(folder.path(), Split::Train).unwrap().len(), before);
+}
+
+#[test]
 fn scenes_without_outcomes_are_told_from_no_scenes() {
     let folder = tempfile::tempdir().unwrap();
     let shards = folder.path().join("data");
@@ -316,6 +377,29 @@ fn a_folder_without_training_scenes_is_an_error_that_says_so() {
     std::fs::create_dir_all(folder.path().join("data")).unwrap();
     let error = train(&settings(folder.path(), TrainedPart::Joint, 1, 1)).unwrap_err();
     assert!(matches!(error, TrainError::Empty { split: "train", .. }), "{error}");
+}
+
+#[test]
+fn views_of_which_cleaning_leaves_nothing_are_an_error_with_steps_and_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = ShardWriter::new(&folder.path().join("data"), 8, 0).unwrap();
+    for k in 0..2 {
+        let mut view = view(Split::Train.seeds().start + k);
+        for (y0, object) in (20..).step_by(30).zip(&mut view.objects) {
+            object.alone = Layer { x0: 30, y0, width: 100, height: 1, inverse_depth: vec![20_000; 100], color: Vec::new() };
+            (object.alone_px, object.visible_px, object.elsewhere) = (100, 100, None);
+        }
+        writer.push(&view).unwrap();
+    }
+    writer.finish().unwrap();
+    let start = folder.path().join("start.safetensors");
+    std::fs::write(&start, Weights::initial(&NetworksConfig::default(), 3).unwrap()).unwrap();
+    for part in [TrainedPart::Joint, TrainedPart::Discriminator] {
+        for steps in [0, 1] {
+            let error = train(&TrainSettings { start: Some(start.clone()), ..settings(folder.path(), part, 1, steps) }).unwrap_err();
+            assert!(error.to_string().contains("no view of the data could be prepared"), "{error}");
+        }
+    }
 }
 
 #[test]

@@ -187,8 +187,12 @@ fn read_named(folder: &Path, beginning: &str) -> Result<Vec<ReleaseRecord>, Read
     let mut all = Vec::new();
     // Outcomes that are in two files would count twice.
     for path in paths.iter().filter(|path| !paths.iter().any(|other| replaces(other, path))) {
-        let bytes = std::fs::read(path).map_err(|source| ReadError::Io { path: path.clone(), source })?;
-        all.extend(parsed(path, &bytes)?);
+        match std::fs::read(path) {
+            Ok(bytes) => all.extend(parsed(path, &bytes)?),
+            // It was there a moment ago: one of more scenes has been put in its place.
+            Err(gone) if gone.kind() == std::io::ErrorKind::NotFound => {}
+            Err(source) => return Err(ReadError::Io { path: path.clone(), source }),
+        }
     }
     Ok(all)
 }
@@ -291,7 +295,7 @@ mod tests {
         let of = |scenes| releases_path(folder.path(), 0, scenes);
         write_releases(&of(3), &json!({}), &[record(1), record(2)]).unwrap();
         // Where the new one is written before it is renamed, there is no room for it.
-        std::fs::create_dir(of(16).with_extension("safetensors.tmp")).unwrap();
+        std::fs::create_dir(of(16).with_extension(format!("safetensors.{}.tmp", std::process::id()))).unwrap();
         assert!(write_releases(&of(16), &json!({}), &[record(1)]).is_err());
         assert_eq!(read_releases(folder.path()).unwrap(), [record(1), record(2)]);
     }
@@ -306,6 +310,15 @@ mod tests {
         write_releases(&proposals_path(folder.path(), 0, 3), &json!({}), &[record(2)]).unwrap();
         assert!(of(3).exists());
         assert_eq!(read_releases(folder.path()).unwrap(), [record(2), record(1), record(9)]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_that_has_gone_since_it_was_listed_is_passed_over() {
+        let folder = tempfile::tempdir().unwrap();
+        write_releases(&releases_path(folder.path(), 0, 16), &json!({}), &[record(1)]).unwrap();
+        std::os::unix::fs::symlink("gone", releases_path(folder.path(), 16, 3)).unwrap();
+        assert_eq!(read_releases(folder.path()).unwrap(), [record(1)]);
     }
 
     #[test]

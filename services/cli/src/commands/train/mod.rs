@@ -55,7 +55,7 @@ const DEVICE: &str = "cpu";
 /// Arguments of `train`.
 #[derive(Debug, Args)]
 pub struct TrainArgs {
-    /// The folder of shards written by `generate`, with training and validation scenes anywhere below it.
+    /// The folder of shards written by `generate`: training and validation scenes in it, or each in a folder `train` and `validation` of it.
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
     /// What to train. Networks: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`),

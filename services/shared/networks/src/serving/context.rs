@@ -7,6 +7,7 @@ use std::sync::Arc;
 use nalgebra::{Point3, Rotation3};
 use repose_geometry::ViewerFrame;
 
+use crate::config::SharedConfig;
 use crate::points::{CloudConfig, ObjectCloud, Observer, SceneCloud};
 
 use super::kept::Kept;
@@ -78,6 +79,8 @@ pub struct SceneContext {
 
 /// Queries of which the networks' shared work is kept: requests on a scene come in bursts. Features are about 2 MB each.
 const KEPT: usize = 4;
+/// What those take for each centroid of the scene: its features at both levels, and the lists of its neighbours.
+const BYTES_PER_CENTROID: usize = 1 << 10;
 
 impl SceneContext {
     /// Prepares world points `[n]` with labels `[n]` (0 = not an object) that a camera (`observer`, world axes) observed, for a viewer at
@@ -124,6 +127,11 @@ impl SceneContext {
     #[must_use]
     pub fn with_nothing_kept(&self) -> Self {
         Self { features: Kept::default(), pairs: Kept::default(), prior_codes: Kept::default(), ..self.clone() }
+    }
+
+    /// About how many bytes are kept at most of what is asked about a scene of so many points, beside the scene itself.
+    pub fn kept_bytes(points: usize) -> usize {
+        KEPT * SharedConfig::default().scene_centroids[0].min(points) * BYTES_PER_CENTROID
     }
 
     /// The labels of the objects that have points, ascending.
