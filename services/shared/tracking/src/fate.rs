@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use repose_proto::{CallError, GoalTerm, ObjectSummary, Scene};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -144,7 +144,7 @@ impl Followed {
         let picture = DepthPicture::of(scene);
         for (id, object) in &mut self.objects {
             object.fate = match (self.known.now(*id), object.fate) {
-                (Some(now), _) => displaced(&object.expected, &points_of(scene, now)),
+                (Some(now), _) => displaced(&object.expected, &points_of(scene, now), picture.as_ref()),
                 (None, _) if picture.as_ref().is_some_and(|picture| is_empty(&object.seen, picture)) => Fate::Gone,
                 // It may still be where it was last seen.
                 (None, fate @ (Fate::Moved { .. } | Fate::Fell { .. })) => fate,
@@ -197,11 +197,14 @@ fn is_empty(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
 
 /// How far points are from where they were to be. A part of them may be covered, or may have been before, so that what is compared is where both were
 /// seen.
-fn displaced(expected: &[Point3<f64>], seen: &[Point3<f64>]) -> Fate {
-    match (middle(expected), middle(seen)) {
-        (Some(was), Some(is)) if !are_near(seen, expected) && !are_near(expected, seen) => apart(&was, &is),
-        _ => Fate::Stands,
+fn displaced(expected: &[Point3<f64>], seen: &[Point3<f64>], picture: Option<&DepthPicture>) -> Fate {
+    let (Some(was), Some(is)) = (middle(expected), middle(seen)) else { return Fate::Stands };
+    if !are_near(seen, expected) && !are_near(expected, seen) {
+        return apart(&was, &is);
     }
+    // Most of something large is still where it was to be when it is pushed.
+    let pushed = picture.map_or_else(Vector3::zeros, |picture| pushed_by(expected, seen, picture));
+    if pushed.xy().norm() >= MOVED_M { apart(&Point3::origin(), &Point3::from(pushed)) } else { Fate::Stands }
 }
 
 /// Whether most points are near others.
@@ -209,6 +212,28 @@ fn are_near(points: &[Point3<f64>], others: &[Point3<f64>]) -> bool {
     const TOUCH_M: f64 = 0.02;
     let is_near = |p: &&Point3<f64>| others.iter().any(|other| (*other - **p).norm() <= TOUCH_M);
     points.iter().filter(is_near).count() as f64 > MOST * points.len() as f64
+}
+
+/// How far both ends of something have gone the same way, along each axis. Where one end alone has, more or less of it is covered. Expected points that
+/// are covered now tell nothing.
+fn pushed_by(expected: &[Point3<f64>], seen: &[Point3<f64>], picture: &DepthPicture) -> Vector3<f64> {
+    let is_open = |p: &&Point3<f64>| matches!(picture.reading(p), DepthComparison::There | DepthComparison::Behind);
+    let open: Vec<Point3<f64>> = expected.iter().filter(is_open).copied().collect();
+    let along = |axis: usize| {
+        let ([low_m, high_m], [low_now_m, high_now_m]) = (ends(&open, axis)?, ends(seen, axis)?);
+        let (low_by_m, high_by_m) = (low_now_m - low_m, high_now_m - high_m);
+        let least_m = if low_by_m.abs() < high_by_m.abs() { low_by_m } else { high_by_m };
+        (low_by_m * high_by_m > 0.0).then_some(least_m)
+    };
+    Vector3::from_fn(|axis, _| along(axis).unwrap_or(0.0))
+}
+
+/// From where to where points reach along an axis, but for a few stray ones; none without points.
+fn ends(points: &[Point3<f64>], axis: usize) -> Option<[f64; 2]> {
+    let mut along: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+    along.sort_by(f64::total_cmp);
+    let strays = along.len() / 50;
+    Some([*along.get(strays)?, *along.iter().nth_back(strays)?])
 }
 
 fn apart(was: &Point3<f64>, is: &Point3<f64>) -> Fate {
@@ -221,7 +246,7 @@ fn apart(was: &Point3<f64>, is: &Point3<f64>) -> Fate {
 }
 
 fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
-    let sum: nalgebra::Vector3<f64> = points.iter().map(|p| p.coords).sum();
+    let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
     (!points.is_empty()).then(|| Point3::from(sum / points.len() as f64))
 }
 
@@ -305,6 +330,22 @@ mod tests {
         let mut followed = Followed::of(&scene_of(&[wide, before(-0.13)]));
         followed.carried(Some(1), &Isometry3::translation(-0.3, 0.0, 0.0));
         followed.look_again(&scene_of(&[wide, before(-0.43)]));
+        assert_eq!(followed.disturbed(), BTreeMap::new());
+    }
+
+    #[test]
+    fn what_is_large_has_moved_when_it_was_pushed_by_less_than_half_its_length() {
+        let large = |x_m: f64| Block { label: 1, min: [x_m - 0.15, -0.05, 0.0], max: [x_m + 0.15, 0.05, 0.08] };
+        let mut followed = Followed::of(&scene_of(&[large(0.0)]));
+        followed.look_again(&scene_of(&[large(0.06)]));
+        let told = fates(&followed, [1]);
+        assert!(matches!(told, [Fate::Moved { by_m }] if (by_m - 0.06).abs() < 0.01), "{told:?}");
+        // What hides one end of 2 is set down before the other end.
+        let wide = Block { label: 2, min: [-0.12, 0.08, 0.0], max: [0.12, 0.14, 0.08] };
+        let before = |x_m: f64| Block { label: 1, min: [x_m, -0.08, 0.0], max: [x_m + 0.1, -0.02, 0.3] };
+        let mut followed = Followed::of(&scene_of(&[wide, before(-0.16)]));
+        followed.carried(Some(1), &Isometry3::translation(0.22, 0.0, 0.0));
+        followed.look_again(&scene_of(&[wide, before(0.06)]));
         assert_eq!(followed.disturbed(), BTreeMap::new());
     }
 }
