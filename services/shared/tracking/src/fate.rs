@@ -71,6 +71,13 @@ struct Object {
     fate: Fate,
 }
 
+impl Object {
+    /// Whether something else that is seen may be it by its size.
+    fn is_as_large_as(&self, stranger: &ObjectSummary) -> bool {
+        edges_of(stranger).iter().zip(self.edges_m).all(|(a, b)| (a - b).abs() <= SAME_SIZE_M)
+    }
+}
+
 impl Followed {
     /// The objects of a first view.
     pub fn of(scene: &Scene) -> Self {
@@ -133,9 +140,13 @@ impl Followed {
         self.judge(scene);
     }
 
-    /// Looks at a new view after an object (first view's id) was lost or fell: it may be some way off.
+    /// Looks at a new view after an object (first view's id) was lost or fell: it may be some way off. Where something covers the place where it was to
+    /// be, it may well stand there, and nothing but an object of its size is taken for it.
     pub fn look_for_lost(&mut self, lost: u16, scene: &Scene) {
-        self.known.look_for_lost(lost, &scene.meta.objects);
+        let picture = DepthPicture::of(scene);
+        let covered = self.objects.get(&lost).filter(|object| picture.is_some_and(|picture| is_covered(&object.seen, &picture)));
+        let may_be = |stranger: &ObjectSummary| covered.is_none_or(|object| object.is_as_large_as(stranger));
+        self.known.look_for_lost(lost, &scene.meta.objects, may_be);
         self.judge(scene);
     }
 
@@ -169,9 +180,10 @@ impl Followed {
         let strangers: Vec<&ObjectSummary> = scene.meta.objects.iter().filter(|o| !taken.contains(&o.id)).collect();
         let mut pairs: Vec<(f64, u16, &ObjectSummary)> = Vec::new();
         for (id, object) in self.objects.iter().filter(|(_, object)| object.fate == Fate::Gone) {
-            let fits = |o: &&&ObjectSummary| edges_of(o).iter().zip(object.edges_m).all(|(a, b)| (a - b).abs() <= SAME_SIZE_M);
             let Some(was) = middle(&object.seen) else { continue };
-            pairs.extend(strangers.iter().filter(fits).map(|o| ((Point3::from(o.centroid_m) - was).norm(), *id, *o)));
+            pairs.extend(
+                strangers.iter().filter(|o| object.is_as_large_as(o)).map(|o| ((Point3::from(o.centroid_m) - was).norm(), *id, *o)),
+            );
         }
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2.id).cmp(&(b.1, b.2.id))));
         let mut recognized: BTreeSet<u16> = BTreeSet::new();
@@ -193,6 +205,12 @@ fn is_empty(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
         through += usize::from(reading == DepthComparison::Behind);
     }
     read >= ENOUGH.min(points.len()) && through as f64 > MOST * points.len() as f64
+}
+
+/// Whether most points are behind what was read there, or nothing was.
+fn is_covered(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
+    let is_unseen = |p: &&Point3<f64>| matches!(picture.reading(p), DepthComparison::Before | DepthComparison::None);
+    points.iter().filter(is_unseen).count() as f64 > MOST * points.len() as f64
 }
 
 /// How far points are from where they were to be. A part of them may be covered, or may have been before, so that what is compared is where both were
@@ -347,5 +365,19 @@ mod tests {
         followed.carried(Some(1), &Isometry3::translation(0.22, 0.0, 0.0));
         followed.look_again(&scene_of(&[wide, before(0.06)]));
         assert_eq!(followed.disturbed(), BTreeMap::new());
+    }
+
+    #[test]
+    fn what_was_put_behind_something_is_not_taken_for_another_thing_that_came_to_light() {
+        let wall = Block { label: 0, min: [-0.1, -0.05, 0.0], max: [0.1, 0.0, 0.3] };
+        let after = |stranger: Block| {
+            let mut followed = Followed::of(&scene_of(&[block(1, [0.25, -0.1, 0.0]), wall]));
+            followed.carried(Some(1), &Isometry3::translation(-0.25, 0.25, 0.0));
+            followed.look_for_lost(1, &scene_of(&[wall, stranger]));
+            (followed.known().now(1), fates(&followed, [1])[0])
+        };
+        assert_eq!(after(Block { label: 5, min: [-0.27, 0.09, 0.0], max: [-0.15, 0.21, 0.05] }), (None, Fate::Hidden));
+        let (now, fate) = after(block(5, [-0.18, 0.15, 0.0]));
+        assert!(now == Some(5) && matches!(fate, Fate::Moved { .. }), "it rolled there: {fate:?}");
     }
 }
