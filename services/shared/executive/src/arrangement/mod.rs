@@ -12,6 +12,8 @@
 
 mod order;
 mod report;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -128,6 +130,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     /// Plans, moves and looks until all goals hold, or until it has to end; how it ended, and why.
     async fn until_the_end(&mut self) -> Result<(ArrangementEnd, Option<String>), CallError> {
         let most_moves = 2 * self.request.goals.len() + self.request.max_parkings as usize + self.attempts;
+        self.note_goals();
         loop {
             let goals = match self.goals_in_view().await {
                 Ok(goals) => goals,
@@ -228,11 +231,16 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     /// Finds the objects again in the newest view, and notes on the last step what became of them.
     fn look(&mut self) {
         self.followed.look_again(&self.view.1);
-        let holds = self.holds();
-        self.memory.look(&holds, &self.followed.disturbed());
+        self.note_goals();
         if let Some(step) = self.steps.last_mut() {
             step.tried.fates = Some(self.followed.disturbed());
         }
+    }
+
+    /// Notes which goals hold on the newest view, before something hides what they are about.
+    fn note_goals(&mut self) {
+        let holds = self.holds();
+        self.memory.look(&holds, &self.followed.disturbed());
     }
 
     /// The arrangement planned on the newest view; every failed attempt gives other draws.
