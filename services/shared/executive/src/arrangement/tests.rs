@@ -192,3 +192,20 @@ async fn a_goal_that_holds_from_the_first_and_is_hidden_by_the_first_move_is_ach
     assert_eq!((report.ended, moved), (ArrangementEnd::Achieved, vec![3]), "{:?}", report.why);
     assert_eq!((report.remembered, report.achieved), ([2].into(), 2));
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_planned_on_top_of_a_move_that_was_not_made_is_not_carried_out() {
+    let seen = view(&[(1, [0.0, 0.0]), (2, [0.2, 0.1]), (3, [-0.3, 0.0])]);
+    let stacking = [(1, [-0.3, 0.0, 0.06], term(Relation::Above, 3)), (2, [-0.5, -0.1, 0.12], term(Relation::Above, 1))];
+    let none = || plan(Found::None, &[]);
+    let script = Script {
+        views: Mutex::new([seen].into()),
+        plans: Mutex::new([plan(Found::Found, &stacking), none(), none(), none()].into()),
+        outcomes: Mutex::new([ExecutionOutcome::Done].into()),
+        unserved: Some(1),
+        ..Script::default()
+    };
+    let goals = vec![goal(1, Relation::Above, 3), goal(2, Relation::Above, 1)];
+    let (report, moved) = brought_about(script, goals).await;
+    assert_eq!((report.ended, moved), (ArrangementEnd::NoArrangement, vec![]), "{:?}", report.why);
+}
