@@ -335,6 +335,9 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             }
             false => self.site.carry_out(&request, &placements, &self.view).await,
         };
+        // Whatever came of it, the robot may have taken the object up.
+        let may_be_moved = !carried_out.as_ref().is_err_and(is_unserved);
+        object.filter(|_| may_be_moved).into_iter().for_each(|object| self.memory.carried(object));
         let Some(step) = self.steps.last_mut() else { return Ok(false) };
         step.tried = match carried_out {
             Ok(tried) => tried,
@@ -353,7 +356,6 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         }
         self.view = if is_done { self.site.fresh_view().await? } else { self.site.back_and_looking().await? };
         self.followed.carried(object, &motion);
-        object.into_iter().for_each(|object| self.memory.carried(object));
         self.look();
         let stands = object.is_none_or(|object| matches!(self.followed.disturbed().get(&object), None | Some(Fate::Hidden)));
         Ok(is_done && stands)

@@ -209,3 +209,18 @@ async fn what_was_planned_on_top_of_a_move_that_was_not_made_is_not_carried_out(
     let (report, moved) = brought_about(script, goals).await;
     assert_eq!((report.ended, moved), (ArrangementEnd::NoArrangement, vec![]), "{:?}", report.why);
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_hidden_goal_is_not_remembered_once_a_move_of_what_it_is_about_was_stopped() {
+    let before = (3, [-0.3, -0.2, 0.0], term(Relation::InFrontOf, 1));
+    let aside = (1, [0.2, 0.0, 0.0], term(Relation::RightOf, 3));
+    let script = Script {
+        views: hiding(),
+        plans: Mutex::new([plan(Found::Found, &[before, aside]), plan(Found::Found, &[aside])].into()),
+        outcomes: Mutex::new([ExecutionOutcome::Done, ExecutionOutcome::Stopped].into()),
+        ..Script::default()
+    };
+    let (report, moved) = brought_about(script, vec![goal(2, Relation::Behind, 1), goal(1, Relation::RightOf, 3)]).await;
+    assert_eq!((report.ended, moved), (ArrangementEnd::Stopped, vec![3, 1]), "{:?}", report.why);
+    assert_eq!((report.remembered, report.achieved), (BTreeSet::new(), 0));
+}
