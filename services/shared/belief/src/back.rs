@@ -139,7 +139,8 @@ pub fn border_m(front: &Front, view: &ObservedView, settings: &BeliefSettings) -
 
 /// How far an object goes on to either side: what a border takes off, as far as the camera did not look past right beside it.
 fn side_m(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> f32 {
-    let border_m = border_m(front, view, settings);
+    // Nothing is looked for beyond the map.
+    let border_m = border_m(front, view, settings).min(settings.reach_m);
     let middle_m = front.bottom_m + SIDE_AT * front.height_m();
     let beside = |outwards: Vector2<f32>| {
         let reach = |c: &&Point2<f32>| c.coords.dot(&outwards);

@@ -370,6 +370,18 @@ mod tests {
         assert!(filled(0.17, 0.055), "behind the handle nobody knows");
     }
 
+    #[test]
+    fn what_a_camera_without_a_focal_length_saw_is_believed_all_the_same_and_has_an_end() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).scene();
+        // All that it may show is beside its picture.
+        let camera = CameraModel { fx: 1e-300, fy: 1e-300, cx: -9.0, ..scene.meta.camera.clone() };
+        let held = world_from_camera();
+        let seen = SeenScene { camera: &camera, ..SeenScene::of(&scene, &held) };
+        let belief = Belief::of(&seen, &BeliefSettings::default()).expect("a small scene");
+        let shape = belief.objects[&1].shape.as_ref().expect("it has an extent");
+        assert!(shape.slabs.iter().all(|slab| slab.low_m.is_finite() && slab.outline.area() < 10.0), "{shape:?}");
+    }
+
     /// What is believed of a made scene.
     pub(crate) fn believed(scene: &Scene) -> Belief {
         Belief::of(&SeenScene::of(scene, &world_from_camera()), &BeliefSettings::default()).expect("a small scene")

@@ -77,7 +77,7 @@ pub struct StackSettings {
     pub below_m: f32,
     /// An object's lowest points are this band, metres.
     pub band_m: f32,
-    /// ColumnMap under them that are looked at, at most.
+    /// Columns under them that are looked at, at most.
     pub columns: usize,
     /// Distance between the places looked at in a column, metres.
     pub step_m: f32,

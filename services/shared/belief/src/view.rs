@@ -121,9 +121,11 @@ impl ObservedView {
         self.focal_px
     }
 
-    /// How wide a border of so many pixels is at a place (world frame), metres across the line of sight.
+    /// How wide a border of so many pixels is at a place (world frame), metres across the line of sight; at most as far as the place is away, however
+    /// short the focal length.
     pub fn border_m(&self, place: &Point3<f32>, border_px: f32) -> f32 {
-        border_px * (place - self.eye()).norm() / self.focal_px
+        let distance_m = (place - self.eye()).norm();
+        (border_px * distance_m / self.focal_px).min(distance_m)
     }
 
     /// What the camera read in the direction of a place (world frame); none outside the picture or without a reading.
@@ -356,6 +358,7 @@ mod tests {
         is(view(600.0).border_m(&away(1.2), 2.5), 0.005);
         is(view(600.0).border_m(&away(2.4), 2.5), 0.01);
         is(view(300.0).border_m(&away(1.2), 2.5), 0.01);
+        is(view(1e-300).border_m(&away(1.2), 2.5), 1.2);
     }
 
     #[test]

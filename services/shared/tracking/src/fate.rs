@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use repose_proto::{CallError, GoalTerm, ObjectSummary, Scene};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -71,6 +71,13 @@ struct Object {
     fate: Fate,
 }
 
+impl Object {
+    /// Whether something else that is seen may be it by its size.
+    fn is_as_large_as(&self, stranger: &ObjectSummary) -> bool {
+        edges_of(stranger).iter().zip(self.edges_m).all(|(a, b)| (a - b).abs() <= SAME_SIZE_M)
+    }
+}
+
 impl Followed {
     /// The objects of a first view.
     pub fn of(scene: &Scene) -> Self {
@@ -133,9 +140,13 @@ impl Followed {
         self.judge(scene);
     }
 
-    /// Looks at a new view after an object (first view's id) was lost or fell: it may be some way off.
+    /// Looks at a new view after an object (first view's id) was lost or fell: it may be some way off. Where something covers the place where it was to
+    /// be, it may well stand there, and nothing but an object of its size is taken for it.
     pub fn look_for_lost(&mut self, lost: u16, scene: &Scene) {
-        self.known.look_for_lost(lost, &scene.meta.objects);
+        let picture = DepthPicture::of(scene);
+        let covered = self.objects.get(&lost).filter(|object| picture.is_some_and(|picture| is_covered(&object.seen, &picture)));
+        let may_be = |stranger: &ObjectSummary| covered.is_none_or(|object| object.is_as_large_as(stranger));
+        self.known.look_for_lost(lost, &scene.meta.objects, may_be);
         self.judge(scene);
     }
 
@@ -144,7 +155,7 @@ impl Followed {
         let picture = DepthPicture::of(scene);
         for (id, object) in &mut self.objects {
             object.fate = match (self.known.now(*id), object.fate) {
-                (Some(now), _) => displaced(&object.expected, &points_of(scene, now)),
+                (Some(now), _) => displaced(&object.expected, &points_of(scene, now), picture.as_ref()),
                 (None, _) if picture.as_ref().is_some_and(|picture| is_empty(&object.seen, picture)) => Fate::Gone,
                 // It may still be where it was last seen.
                 (None, fate @ (Fate::Moved { .. } | Fate::Fell { .. })) => fate,
@@ -169,9 +180,10 @@ impl Followed {
         let strangers: Vec<&ObjectSummary> = scene.meta.objects.iter().filter(|o| !taken.contains(&o.id)).collect();
         let mut pairs: Vec<(f64, u16, &ObjectSummary)> = Vec::new();
         for (id, object) in self.objects.iter().filter(|(_, object)| object.fate == Fate::Gone) {
-            let fits = |o: &&&ObjectSummary| edges_of(o).iter().zip(object.edges_m).all(|(a, b)| (a - b).abs() <= SAME_SIZE_M);
             let Some(was) = middle(&object.seen) else { continue };
-            pairs.extend(strangers.iter().filter(fits).map(|o| ((Point3::from(o.centroid_m) - was).norm(), *id, *o)));
+            pairs.extend(
+                strangers.iter().filter(|o| object.is_as_large_as(o)).map(|o| ((Point3::from(o.centroid_m) - was).norm(), *id, *o)),
+            );
         }
         pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2.id).cmp(&(b.1, b.2.id))));
         let mut recognized: BTreeSet<u16> = BTreeSet::new();
@@ -195,15 +207,51 @@ fn is_empty(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
     read >= ENOUGH.min(points.len()) && through as f64 > MOST * points.len() as f64
 }
 
-/// How far points are from where they were to be; a part of them may be covered, so that what is compared is where both were seen.
-fn displaced(expected: &[Point3<f64>], seen: &[Point3<f64>]) -> Fate {
-    const TOUCH_M: f64 = 0.02;
-    let near = |p: &&Point3<f64>| expected.iter().any(|e| (*e - **p).norm() <= TOUCH_M);
-    let standing = seen.iter().filter(near).count() as f64 > MOST * seen.len() as f64;
-    match (middle(expected), middle(seen)) {
-        (Some(was), Some(is)) if !standing => apart(&was, &is),
-        _ => Fate::Stands,
+/// Whether most points are behind what was read there, or nothing was.
+fn is_covered(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
+    let is_unseen = |p: &&Point3<f64>| matches!(picture.reading(p), DepthComparison::Before | DepthComparison::None);
+    points.iter().filter(is_unseen).count() as f64 > MOST * points.len() as f64
+}
+
+/// How far points are from where they were to be. A part of them may be covered, or may have been before, so that what is compared is where both were
+/// seen.
+fn displaced(expected: &[Point3<f64>], seen: &[Point3<f64>], picture: Option<&DepthPicture>) -> Fate {
+    let (Some(was), Some(is)) = (middle(expected), middle(seen)) else { return Fate::Stands };
+    if !are_near(seen, expected) && !are_near(expected, seen) {
+        return apart(&was, &is);
     }
+    // Most of something large is still where it was to be when it is pushed.
+    let pushed = picture.map_or_else(Vector3::zeros, |picture| pushed_by(expected, seen, picture));
+    if pushed.xy().norm() >= MOVED_M { apart(&Point3::origin(), &Point3::from(pushed)) } else { Fate::Stands }
+}
+
+/// Whether most points are near others.
+fn are_near(points: &[Point3<f64>], others: &[Point3<f64>]) -> bool {
+    const TOUCH_M: f64 = 0.02;
+    let is_near = |p: &&Point3<f64>| others.iter().any(|other| (*other - **p).norm() <= TOUCH_M);
+    points.iter().filter(is_near).count() as f64 > MOST * points.len() as f64
+}
+
+/// How far both ends of something have gone the same way, along each axis. Where one end alone has, more or less of it is covered. Expected points that
+/// are covered now tell nothing.
+fn pushed_by(expected: &[Point3<f64>], seen: &[Point3<f64>], picture: &DepthPicture) -> Vector3<f64> {
+    let is_open = |p: &&Point3<f64>| matches!(picture.reading(p), DepthComparison::There | DepthComparison::Behind);
+    let open: Vec<Point3<f64>> = expected.iter().filter(is_open).copied().collect();
+    let along = |axis: usize| {
+        let ([low_m, high_m], [low_now_m, high_now_m]) = (ends(&open, axis)?, ends(seen, axis)?);
+        let (low_by_m, high_by_m) = (low_now_m - low_m, high_now_m - high_m);
+        let least_m = if low_by_m.abs() < high_by_m.abs() { low_by_m } else { high_by_m };
+        (low_by_m * high_by_m > 0.0).then_some(least_m)
+    };
+    Vector3::from_fn(|axis, _| along(axis).unwrap_or(0.0))
+}
+
+/// From where to where points reach along an axis, but for a few stray ones; none without points.
+fn ends(points: &[Point3<f64>], axis: usize) -> Option<[f64; 2]> {
+    let mut along: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+    along.sort_by(f64::total_cmp);
+    let strays = along.len() / 50;
+    Some([*along.get(strays)?, *along.iter().nth_back(strays)?])
 }
 
 fn apart(was: &Point3<f64>, is: &Point3<f64>) -> Fate {
@@ -216,7 +264,7 @@ fn apart(was: &Point3<f64>, is: &Point3<f64>) -> Fate {
 }
 
 fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
-    let sum: nalgebra::Vector3<f64> = points.iter().map(|p| p.coords).sum();
+    let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
     (!points.is_empty()).then(|| Point3::from(sum / points.len() as f64))
 }
 
@@ -290,5 +338,46 @@ mod tests {
         followed.carried(Some(1), &Isometry3::identity());
         followed.look_again(&pushed);
         assert_eq!(followed.disturbed(), BTreeMap::new(), "where it stands now is where it is to be");
+    }
+
+    #[test]
+    fn what_is_seen_whole_once_something_is_out_of_its_way_has_not_moved() {
+        // 1 hides two thirds of 2 and is set down elsewhere: the middle of what is seen of 2 shifts by 7 cm.
+        let wide = Block { label: 2, min: [-0.09, 0.08, 0.0], max: [0.09, 0.14, 0.08] };
+        let before = |x_m: f64| Block { label: 1, min: [x_m, -0.08, 0.0], max: [x_m + 0.165, -0.02, 0.3] };
+        let mut followed = Followed::of(&scene_of(&[wide, before(-0.13)]));
+        followed.carried(Some(1), &Isometry3::translation(-0.3, 0.0, 0.0));
+        followed.look_again(&scene_of(&[wide, before(-0.43)]));
+        assert_eq!(followed.disturbed(), BTreeMap::new());
+    }
+
+    #[test]
+    fn what_is_large_has_moved_when_it_was_pushed_by_less_than_half_its_length() {
+        let large = |x_m: f64| Block { label: 1, min: [x_m - 0.15, -0.05, 0.0], max: [x_m + 0.15, 0.05, 0.08] };
+        let mut followed = Followed::of(&scene_of(&[large(0.0)]));
+        followed.look_again(&scene_of(&[large(0.06)]));
+        let told = fates(&followed, [1]);
+        assert!(matches!(told, [Fate::Moved { by_m }] if (by_m - 0.06).abs() < 0.01), "{told:?}");
+        // What hides one end of 2 is set down before the other end.
+        let wide = Block { label: 2, min: [-0.12, 0.08, 0.0], max: [0.12, 0.14, 0.08] };
+        let before = |x_m: f64| Block { label: 1, min: [x_m, -0.08, 0.0], max: [x_m + 0.1, -0.02, 0.3] };
+        let mut followed = Followed::of(&scene_of(&[wide, before(-0.16)]));
+        followed.carried(Some(1), &Isometry3::translation(0.22, 0.0, 0.0));
+        followed.look_again(&scene_of(&[wide, before(0.06)]));
+        assert_eq!(followed.disturbed(), BTreeMap::new());
+    }
+
+    #[test]
+    fn what_was_put_behind_something_is_not_taken_for_another_thing_that_came_to_light() {
+        let wall = Block { label: 0, min: [-0.1, -0.05, 0.0], max: [0.1, 0.0, 0.3] };
+        let after = |stranger: Block| {
+            let mut followed = Followed::of(&scene_of(&[block(1, [0.25, -0.1, 0.0]), wall]));
+            followed.carried(Some(1), &Isometry3::translation(-0.25, 0.25, 0.0));
+            followed.look_for_lost(1, &scene_of(&[wall, stranger]));
+            (followed.known().now(1), fates(&followed, [1])[0])
+        };
+        assert_eq!(after(Block { label: 5, min: [-0.27, 0.09, 0.0], max: [-0.15, 0.21, 0.05] }), (None, Fate::Hidden));
+        let (now, fate) = after(block(5, [-0.18, 0.15, 0.0]));
+        assert!(now == Some(5) && matches!(fate, Fate::Moved { .. }), "it rolled there: {fate:?}");
     }
 }

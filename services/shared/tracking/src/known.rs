@@ -87,12 +87,13 @@ impl Known {
         }
     }
 
-    /// Who is who in a new view, after an object (first view's id) was lost or fell: it may be some way off, among the objects that nobody is.
-    pub fn look_for_lost(&mut self, lost: u16, objects: &[ObjectSummary]) {
+    /// Who is who in a new view, after an object (first view's id) was lost or fell: it may be some way off, among the objects that nobody is and that
+    /// may be it.
+    pub(crate) fn look_for_lost(&mut self, lost: u16, objects: &[ObjectSummary], may_be: impl Fn(&ObjectSummary) -> bool) {
         self.look_again(objects);
         let Some((None, expected)) = self.now.get(&lost) else { return };
         let taken: BTreeSet<u16> = self.now.values().filter_map(|(now, _)| *now).collect();
-        let nobody = objects.iter().filter(|o| !taken.contains(&o.id) && !self.is_sooner_another(lost, o));
+        let nobody = objects.iter().filter(|o| !taken.contains(&o.id) && may_be(o) && !self.is_sooner_another(lost, o));
         let near = nobody.map(|o| (distance_m(o, expected), o)).filter(|(away_m, _)| *away_m <= LOST_M);
         if let Some((_, found)) = near.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.id.cmp(&b.1.id))) {
             self.is_now(lost, found);
@@ -145,7 +146,7 @@ mod tests {
         assert_eq!(field(3, 1).as_deref(), Some("goals[1].query"), "it is hidden");
         assert_eq!(field(1, 9).as_deref(), Some("goals[1].goal[0].anchor"), "there never was one");
         // A lost one may be some way off, and takes nobody else's place.
-        known.look_for_lost(3, &[seen(7, [0.0, 0.2, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(1, [0.31, 0.0, 0.0])]);
+        known.look_for_lost(3, &[seen(7, [0.0, 0.2, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(1, [0.31, 0.0, 0.0])], |_| true);
         assert_eq!(known.translated("goals[1]", 3, &near(2)).expect("it is found").0, 7);
     }
 
@@ -155,15 +156,15 @@ mod tests {
         // 1 rolled off the table, and pushed 2 by 10 cm.
         let first = [sized(1, 0.0, 0.06), sized(2, 0.1, 0.1)];
         let mut known = Known::of(&first);
-        known.look_for_lost(1, &[sized(5, 0.2, 0.1)]);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.1)], |_| true);
         assert_eq!((known.now(1), known.now(2)), (None, None), "2 was pushed farther than it is looked for");
         // Here it was 1 that rolled as far, and 2 is hidden.
         let mut known = Known::of(&first);
-        known.look_for_lost(1, &[sized(5, 0.2, 0.06)]);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.06)], |_| true);
         assert_eq!((known.now(1), known.now(2)), (Some(5), None));
         // Those that are as large may be either: the lost one is.
         let mut known = Known::of(&[sized(1, 0.0, 0.06), sized(2, 0.1, 0.06)]);
-        known.look_for_lost(1, &[sized(5, 0.2, 0.061)]);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.061)], |_| true);
         assert_eq!((known.now(1), known.now(2)), (Some(5), None));
     }
 }

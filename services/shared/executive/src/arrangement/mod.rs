@@ -3,15 +3,17 @@
 //! Only the first move of a plan is carried out: what it has truly left is seen, and the rest is planned anew from there. So what slipped,
 //! fell or was pushed by somebody is simply where it is now; what cannot be seen is told from what is gone ([`Fate`]). A goal that was seen to
 //! hold counts as held while what it is about is hidden by what came before it, untouched; and where the newest view gives no moves, the complete
-//! plan before it goes on, if what its next move is about stands where it stood. A plan may end where a view is needed: its first move is
-//! made as any other, and the view follows. A move that the robot cannot make from where things stand is put off, and the next one that does not need it
-//! is made: what it leaves may have room for the other. Where no moves are found after some were made, a fresh view and other draws are tried, as often
-//! as an object. Objects are named as in the first view. Nothing moves where an object that must move offers the hand no
+//! plan before it goes on, if its last move succeeded and what its next one is about stands where it stood. A plan may end where a view is needed:
+//! its first move is made as any other, and the view follows. A move that the robot cannot make from where things stand is put off, and the next one
+//! that does not need it is made: what it leaves may have room for the other. Where no moves are found after some were made, a fresh view and other
+//! draws are tried, as often as an object. Objects are named as in the first view. Nothing moves where an object that must move offers the hand no
 //! grasp. Every object is tried a bounded number of times and set aside a bounded number of times, and the moves together are bounded too; after a
 //! stop, whoever latched it, and after a cancel nothing is tried again: a person decides.
 
 mod order;
 mod report;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -119,7 +121,7 @@ struct Run<S, T> {
     barren: usize,
     /// How often an object was set aside.
     aside: BTreeMap<u16, usize>,
-    /// What the last complete plan has left to do, in the ids of the first view.
+    /// What the last complete plan has left to do, in the ids of the first view; nothing once a move of it has failed.
     earlier: Vec<ArrangeMove>,
     conflict: Option<Conflict>,
 }
@@ -128,6 +130,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     /// Plans, moves and looks until all goals hold, or until it has to end; how it ended, and why.
     async fn until_the_end(&mut self) -> Result<(ArrangementEnd, Option<String>), CallError> {
         let most_moves = 2 * self.request.goals.len() + self.request.max_parkings as usize + self.attempts;
+        self.note_goals();
         loop {
             let goals = match self.goals_in_view().await {
                 Ok(goals) => goals,
@@ -180,18 +183,26 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
                 }
             }
             let achieved = carried_out?;
-            if let Some(object) = object.filter(|_| achieved && step.purpose == Purpose::Aside) {
-                *self.aside.entry(object).or_default() += 1;
-            }
-            let tried = object.map(|object| self.failed.entry(object).or_default());
-            if let Some(tried) = tried.filter(|_| !achieved) {
-                *tried += 1;
-                if *tried >= self.attempts {
-                    let why = format!("object {} was tried {} times", object.unwrap_or_default(), *tried);
-                    return Ok((ArrangementEnd::GaveUp, Some(why)));
-                }
+            if let Some(why) = self.counted(object, step.purpose, achieved) {
+                return Ok((ArrangementEnd::GaveUp, Some(why)));
             }
         }
+    }
+
+    /// Counts a move that was tried; why it has to end here, where it has to.
+    fn counted(&mut self, object: Option<u16>, purpose: Purpose, achieved: bool) -> Option<String> {
+        if !achieved {
+            // What the plan has left starts from where this move should have ended.
+            self.earlier.clear();
+        }
+        let object = object?;
+        if achieved {
+            *self.aside.entry(object).or_default() += usize::from(purpose == Purpose::Aside);
+            return None;
+        }
+        let tried = self.failed.entry(object).or_default();
+        *tried += 1;
+        (*tried >= self.attempts).then(|| format!("object {object} was tried {tried} times"))
     }
 
     /// The goals in the ids of the newest view, without those that are remembered. What is not seen is looked for in a few more views: something may
@@ -228,11 +239,16 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
     /// Finds the objects again in the newest view, and notes on the last step what became of them.
     fn look(&mut self) {
         self.followed.look_again(&self.view.1);
-        let holds = self.holds();
-        self.memory.look(&holds, &self.followed.disturbed());
+        self.note_goals();
         if let Some(step) = self.steps.last_mut() {
             step.tried.fates = Some(self.followed.disturbed());
         }
+    }
+
+    /// Notes which goals hold on the newest view, before something hides what they are about.
+    fn note_goals(&mut self) {
+        let holds = self.holds();
+        self.memory.look(&holds, &self.followed.disturbed());
     }
 
     /// The arrangement planned on the newest view; every failed attempt gives other draws.
@@ -319,6 +335,9 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             }
             false => self.site.carry_out(&request, &placements, &self.view).await,
         };
+        // Whatever came of it, the robot may have taken the object up.
+        let may_be_moved = !carried_out.as_ref().is_err_and(is_unserved);
+        object.filter(|_| may_be_moved).into_iter().for_each(|object| self.memory.carried(object));
         let Some(step) = self.steps.last_mut() else { return Ok(false) };
         step.tried = match carried_out {
             Ok(tried) => tried,
@@ -337,7 +356,6 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         }
         self.view = if is_done { self.site.fresh_view().await? } else { self.site.back_and_looking().await? };
         self.followed.carried(object, &motion);
-        object.into_iter().for_each(|object| self.memory.carried(object));
         self.look();
         let stands = object.is_none_or(|object| matches!(self.followed.disturbed().get(&object), None | Some(Fate::Hidden)));
         Ok(is_done && stands)
