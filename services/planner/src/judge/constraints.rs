@@ -69,7 +69,7 @@ impl<'a> Constraints<'a> {
         for (reason, miss) in &self.refused {
             judged.reject(*reason, *miss);
         }
-        if let Some(miss) = region_miss(&candidate, &request.region) {
+        if let Some(miss) = region_miss(&self.problem.placed_centroid(&candidate), &request.region) {
             judged.reject(Rejection::Region, miss);
         }
         let (visibility, miss) = view_miss(&prepared.belief.view, query, &candidate, &fixed.view);

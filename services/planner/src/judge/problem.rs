@@ -1,5 +1,6 @@
 //! One request on one scene: what every step of a search reads and none changes.
 
+use nalgebra::Point3;
 use repose_proto::Relation;
 use repose_proto::place::PlaceRequest;
 
@@ -84,6 +85,13 @@ impl<'a> PlacementProblem<'a> {
             let_go.centroid_m[2] += self.query.shape.foot_doubt_m;
         }
         let_go
+    }
+
+    /// Where the answer that a candidate makes puts the centroid of what was observed of the object, world frame, metres.
+    pub fn placed_centroid(&self, candidate: &CandidatePose) -> Point3<f64> {
+        let let_go = self.let_go(candidate);
+        let carried = |turned: &Turned<'_>| let_go.placed_from_observed(&self.query.shape.centroid) * turned.observed_centroid;
+        self.turned.map_or_else(|| let_go.centroid(), carried)
     }
 
     /// The height that a drawn candidate is lowered from, world z, metres.

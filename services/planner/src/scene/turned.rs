@@ -29,6 +29,8 @@ pub struct TurnedOver<'a> {
 pub struct Turned<'a> {
     /// The scene before that: how the object lay, and what lay against it.
     pub as_seen: &'a PreparedScene,
+    /// Where the centroid of what was observed of the object has come to, world frame, metres: that of the turned object's points is another.
+    pub observed_centroid: Point3<f64>,
     /// By which angle, radians.
     pub angle_rad: f64,
     /// Share of what it stands on now that was seen.
@@ -74,6 +76,7 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
     let scene = with_cloud(&prepared.scene, id, &solid.points);
     let turned = Turned {
         as_seen: prepared,
+        observed_centroid: turned_from_observed * object.centroid,
         angle_rad: turned_from_observed.rotation.angle(),
         seen_base_share: solid.seen_base_share(settings.sides.contact_m),
     };
