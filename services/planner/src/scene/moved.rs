@@ -83,8 +83,8 @@ fn floor_of(table: &PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -
     let of_carrier = |carrier: u16| {
         let shape = shapes.get(&carrier)?;
         let is_in_it = foot_m < shape.top_m - SAME_TOP_M;
-        let top = shape.slabs.last().filter(|_| !is_in_it).map(|slab| slab.outline.clone());
-        Some(Floor { height_m: if is_in_it { foot_m } else { shape.top_m }, label: carrier, top })
+        let outline = shape.slabs.last()?.outline.clone();
+        Some(Floor { height_m: if is_in_it { foot_m } else { shape.top_m }, label: carrier, is_top: !is_in_it, outline })
     };
     carriers(table, object).into_iter().filter_map(of_carrier).max_by(|a, b| a.height_m.total_cmp(&b.height_m))
 }
@@ -159,19 +159,29 @@ struct Floor {
     height_m: f32,
     /// Whose it is, 0 for furniture.
     label: u16,
-    /// The whole top, where it is an object's.
-    top: Option<Footprint>,
+    /// Where it ends: what stood on it may have reached beyond.
+    outline: Footprint,
+    /// Whether it is known to be the whole top of an object.
+    is_top: bool,
 }
 
 impl Floor {
+    /// A surface as it was seen; none where its outline has no area.
+    fn of(surface: &Surface) -> Option<Self> {
+        let outline = Footprint::of_outline(&surface.outline_m)?;
+        Some(Self { height_m: surface.height_m as f32, label: surface.object.unwrap_or(0), outline, is_top: false })
+    }
+
     /// Makes the top one surface of its own. What perception found of it is the strip that the object left free, which tells less of its height than
     /// its highest points do.
     fn show_top(&self, scene: &mut Scene) {
-        let Some(top) = &self.top else { return };
+        if !self.is_top {
+            return;
+        }
         let is_strip = |s: &Surface| s.object == Some(self.label) && (s.height_m as f32 - self.height_m).abs() <= SAME_TOP_M;
         scene.meta.surfaces.retain(|s| !is_strip(s));
-        let outline_m = top.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect();
-        let (height_m, area_m2) = (f64::from(self.height_m), f64::from(top.area()));
+        let outline_m = self.outline.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect();
+        let (height_m, area_m2) = (f64::from(self.height_m), f64::from(self.outline.area()));
         scene.meta.surfaces.push(Surface { height_m, outline_m, area_m2, object: Some(self.label) });
     }
 }
@@ -196,13 +206,15 @@ fn leave(after: &mut Scene, before: &Scene, object: u16, floor: Option<Floor>) {
         }
     }
     let surface = || carrier(before, object, f64::from(bounds.min.z));
-    let of_surface = |s: &Surface| Floor { height_m: s.height_m as f32, label: s.object.unwrap_or(0), top: None };
-    let Some(floor) = floor.or_else(|| surface().map(of_surface)) else { return };
+    let Some(floor) = floor.or_else(|| surface().and_then(Floor::of)) else { return };
     floor.show_top(after);
     let footprint: BTreeSet<[i32; 2]> =
         cloud.iter().map(|p| [(p.x / SURFACE_M).floor() as i32, (p.y / SURFACE_M).floor() as i32]).collect();
     for [column, row] in footprint {
         let place = Point2::new((column as f32 + 0.5) * SURFACE_M, (row as f32 + 0.5) * SURFACE_M);
+        if !floor.outline.contains(&place) {
+            continue;
+        }
         after.points.push([place.x, place.y, floor.height_m]);
         after.labels.push(floor.label);
         if let Some(colors) = &mut after.colors {
@@ -273,5 +285,22 @@ mod tests {
         assert!(on_top > 50, "{on_top} points of its top");
         let gone = table_without(&table, 2);
         assert_eq!(gone.belief.objects[&1].shape, bare.belief.objects[&1].shape);
+    }
+
+    #[test]
+    fn what_reached_beyond_its_carrier_leaves_nothing_there() {
+        // On a block a post with a wide plate on it, and a board over the edge of the table, which ends at x = 0.5.
+        let scene = SceneBuilder::table()
+            .object(1, [0.0, 0.0], [0.08, 0.08, 0.05])
+            .object_at(2, [0.0, 0.0], 0.05, [0.04, 0.04, 0.1])
+            .object_at(2, [0.0, 0.0], 0.15, [0.2, 0.2, 0.02])
+            .object(3, [0.47, -0.2], [0.1, 0.05, 0.03])
+            .scene();
+        let after = table_without(&PreparedScene::new(Arc::new(scene.clone())), 2);
+        let block: Vec<[f32; 3]> = after.scene.points_of(1).collect();
+        assert!(block.iter().all(|p| p[0].abs() < 0.055), "it is 8 cm wide");
+        let bared = block.iter().filter(|p| p[0].abs() < 0.02 && p[1].abs() < 0.02 && (p[2] - 0.05).abs() < 0.006).count();
+        assert!(bared > 20, "{bared} points where the post stood");
+        assert!(without(&scene, 3).points_of(0).all(|p| p[0] < 0.501), "no table in the air");
     }
 }
