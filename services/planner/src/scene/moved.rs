@@ -7,11 +7,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector2, Vector3};
 use repose_belief::covering::hidden_under;
 use repose_belief::shape::Shape;
 use repose_belief::{BeliefSettings, BelievedObject};
-use repose_geometry::{Aabb, Footprint};
+use repose_geometry::{Aabb, Footprint, cloud};
 use repose_proto::place::Variant;
 use repose_proto::{Scene, Surface};
 
@@ -21,6 +21,8 @@ use crate::settings::{Recipe, SupportSettings};
 
 /// Spacing of the points that stand for the surface where an object stood, metres: a few to a cell of the planner's map.
 const SURFACE_M: f32 = 0.005;
+/// Spacing of the points that stand for what an object stood on, once that shows, metres: one to each cell of the planner's map, however it is turned.
+const UNDERSIDE_M: f32 = 0.0035;
 /// A surface at most this far from an object's lowest point is what it stood on, metres: borders are cleaned off a cloud.
 const FOOT_M: f64 = 0.03;
 /// Heights this close are of one top, metres.
@@ -28,7 +30,7 @@ const SAME_TOP_M: f32 = 0.02;
 /// A turn leaves an object upright where the cosine of its tilt is at least this.
 const UPRIGHT_COSINE: f64 = 0.999_9;
 /// The color of points that nobody saw.
-pub const GREY: [u8; 3] = [128; 3];
+const GREY: [u8; 3] = [128; 3];
 
 /// How far an object of a table comes down where a placement of a variant lets go of it, metres: by as much as it might have reached lower, too.
 fn fall_m(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, variant: Variant) -> f64 {
@@ -51,10 +53,17 @@ pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Is
     let fall_m = fall_m(table, object, placed_from_observed, variant);
     let came_to_rest = Translation3::new(0.0, 0.0, -fall_m) * placed_from_observed;
     let mut shapes = bared(table, object);
-    if let Some(carried) = table.belief.objects.get(&object).and_then(|seen| carried(table, (object, seen), &came_to_rest)) {
-        shapes.insert(object, carried);
-    }
-    let after = moved_from(&table.scene, object, &came_to_rest, floor_of(table, object, &shapes));
+    let floor = floor_of(table, object, &shapes);
+    let seen = table.belief.objects.get(&object);
+    let turned_over = seen.filter(|_| !is_upright(&came_to_rest)).and_then(|seen| on_other_side(table, (object, seen), &came_to_rest));
+    let after = if let Some((points, shape)) = turned_over {
+        shapes.insert(object, shape);
+        with_cloud_on(&table.scene, object, &points, floor)
+    } else {
+        let carried = shapes.get(&object).and_then(|shape| shape.carried(&came_to_rest));
+        shapes.extend(carried.map(|shape| (object, shape)));
+        moved_from(&table.scene, object, &came_to_rest, floor)
+    };
     PreparedScene::with_shapes(Arc::new(after), shapes)
 }
 
@@ -89,14 +98,28 @@ fn floor_of(table: &PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -
     carriers(table, object).into_iter().filter_map(of_carrier).max_by(|a, b| a.height_m.total_cmp(&b.height_m))
 }
 
-/// An object's shape after a motion, which may have set it on another side.
-fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: &Isometry3<f64>) -> Option<Shape> {
+/// The points all over an object after a motion that set it on another side, and its shape. What was seen of it may face downwards now, and would tell of
+/// a hollow that is as deep as the object is high.
+fn on_other_side(
+    table: &PreparedScene,
+    (id, object): (u16, &BelievedObject),
+    motion: &Isometry3<f64>,
+) -> Option<(Vec<Point3<f32>>, Shape)> {
     let shape = object.shape.as_ref()?;
-    if is_upright(motion) {
-        return shape.carried(motion);
-    }
-    let turned = solid_of(table, id, object, shape).moved(motion).shape_after(motion, shape, &BeliefSettings::default().shape)?;
-    Some(Shape { centroid: motion * shape.centroid, ..turned })
+    let surface = solid_of(table, id, object, shape).moved(motion);
+    let turned = surface.shape_after(motion, shape, &BeliefSettings::default().shape)?;
+    let carry = |p: Point3<f32>| (motion * p.cast::<f64>()).cast::<f32>();
+    let points: Vec<Point3<f32>> = surface.points.into_iter().chain(underside(shape).map(carry)).collect();
+    let centroid = cloud::centroid(&points)?;
+    Some((points, Shape { centroid, ..turned }))
+}
+
+/// Points all over what an object stands on, of which a completed surface has the corners only.
+fn underside(shape: &Shape) -> impl Iterator<Item = Point3<f32>> + '_ {
+    let (min, max) = shape.base.bounds();
+    let steps = (max - min).map(|span_m| (span_m / UNDERSIDE_M) as usize);
+    let places = (0..=steps.y).flat_map(move |j| (0..=steps.x).map(move |i| min + Vector2::new(i as f32, j as f32) * UNDERSIDE_M));
+    places.filter(move |place| shape.base.contains(place)).map(move |place| Point3::new(place.x, place.y, shape.bottom_m))
 }
 
 /// The table without an object.
@@ -150,6 +173,30 @@ fn without_on(scene: &Scene, object: u16, floor: Option<Floor>) -> Scene {
     after.colors = after.colors.map(|colors| keep.iter().map(|i| colors[*i]).collect());
     after.meta.objects.retain(|o| o.id != object);
     after.meta.surfaces.retain(|s| s.object != Some(object));
+    after
+}
+
+/// The scene with other points of an object.
+pub fn with_cloud(scene: &Scene, object: u16, points: &[Point3<f32>]) -> Scene {
+    with_cloud_on(scene, object, points, None)
+}
+
+/// The same, of an object that is known to have stood on a floor.
+fn with_cloud_on(scene: &Scene, object: u16, points: &[Point3<f32>], floor: Option<Floor>) -> Scene {
+    let mut after = without_on(scene, object, floor);
+    after.points.extend(points.iter().map(|p| <[f32; 3]>::from(p.coords)));
+    after.labels.extend(points.iter().map(|_| object));
+    if let Some(colors) = &mut after.colors {
+        colors.extend(points.iter().map(|_| GREY));
+    }
+    let place = scene.meta.objects.iter().position(|o| o.id == object);
+    if let (Some(place), Some(bounds), Some(middle)) = (place, Aabb::of(points), cloud::centroid(points)) {
+        let mut summary = scene.meta.objects[place].clone();
+        summary.points = points.len();
+        summary.centroid_m = middle.coords.into();
+        summary.extent_m = (bounds.max - bounds.min).cast::<f64>().into();
+        after.meta.objects.insert(place, summary);
+    }
     after
 }
 

@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Translation3};
-use repose_geometry::{Aabb, cloud};
-use repose_proto::{CallError, Scene};
+use repose_proto::CallError;
 
-use crate::scene::moved::{GREY, without};
+use crate::scene::moved::with_cloud;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::traits::solid_of;
 use repose_belief::settings::BeliefSettings;
@@ -84,25 +83,6 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
     // Nothing lay on it, so nothing does, even if it has come to be under something.
     after.belief.bare(id);
     Ok(TurnedOver { prepared: after, turned })
-}
-
-/// The scene with other points of an object.
-fn with_cloud(scene: &Scene, object: u16, points: &[Point3<f32>]) -> Scene {
-    let mut after = without(scene, object);
-    after.points.extend(points.iter().map(|p| <[f32; 3]>::from(p.coords)));
-    after.labels.extend(points.iter().map(|_| object));
-    if let Some(colors) = &mut after.colors {
-        colors.extend(points.iter().map(|_| GREY));
-    }
-    let place = scene.meta.objects.iter().position(|o| o.id == object);
-    if let (Some(place), Some(bounds), Some(middle)) = (place, Aabb::of(points), cloud::centroid(points)) {
-        let mut summary = scene.meta.objects[place].clone();
-        summary.points = points.len();
-        summary.centroid_m = middle.coords.into();
-        summary.extent_m = (bounds.max - bounds.min).cast::<f64>().into();
-        after.meta.objects.insert(place, summary);
-    }
-    after
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use nalgebra::Translation3;
+use nalgebra::{Translation3, Vector2};
 use repose_belief::settings::SideSettings;
 use repose_geometry::{ViewerFrame, transform};
 use repose_proto::place::{Outcome, PlaceRequest, Placement, RegionBox, Rejection, Rotation, ShortfallReason, Variant};
@@ -63,6 +63,28 @@ fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_f
         assert!(placement.geometric[0].holds);
     }
     assert!(upright.iter().filter(|count| **count > 0).count() >= 2, "{upright:?}");
+}
+
+#[test]
+fn what_was_set_on_another_side_is_as_solid_as_it_was() {
+    let table = SceneBuilder::table().object(1, [0.0, 0.0], [0.12, 0.1, 0.08]).object(2, [-0.3, 0.2], [0.05; 3]).prepared();
+    for turn in turns(&table, 1).unwrap() {
+        let bottom_m = turned_over(&table, 1, turn).unwrap().prepared.belief.objects[&1].shape.as_ref().unwrap().bottom_m;
+        let motion = Translation3::new(0.25, -0.1, -f64::from(bottom_m)) * turn;
+        let after = table_after(&table, 1, &motion, Variant::Full);
+        let object = &after.belief.objects[&1];
+        let shape = object.shape.as_ref().unwrap();
+        assert!((object.centroid - shape.centroid).norm() < 1e-6 && shape.bottom_m.abs() < 1e-3, "{} {shape:?}", object.centroid);
+        let inside_m = shape.bottom_m + 0.45 * (shape.top_m - shape.bottom_m);
+        let is_filled = |offset: &Vector2<f32>| {
+            let runs = after.belief.columns.at(&(shape.axis + offset));
+            runs.iter().any(|run| run.object == 1 && run.low_m < inside_m && run.high_m > inside_m)
+        };
+        // A few cells of a face may show no point of it.
+        let offsets: Vec<Vector2<f32>> = (0..49).map(|k| Vector2::new((k % 7 - 3) as f32, (k / 7 - 3) as f32) * 0.008).collect();
+        let filled = offsets.iter().filter(|offset| is_filled(offset)).count();
+        assert!(filled > 30, "{filled} of 49 cells, turned by {} degrees", turn.rotation.angle().to_degrees());
+    }
 }
 
 #[test]
