@@ -72,7 +72,7 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
     turned_shape.foot_doubt_m = settings.sides.lower_m;
     let mut known = prepared.belief.shapes();
     known.insert(id, turned_shape);
-    let scene = with_cloud(&prepared.scene, id, &solid.points);
+    let scene = with_cloud(&prepared.scene, id, shape, &solid.points);
     let turned = Turned {
         as_seen: prepared,
         observed_centroid: turned_from_observed * object.centroid,
