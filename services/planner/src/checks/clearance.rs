@@ -52,7 +52,8 @@ impl<'a> Clearance<'a> {
             if box_gap_m2(&bounds, point) >= nearest.limit_m() * nearest.limit_m() {
                 continue;
             }
-            let is_beside = if *label == 0 || carriers.contains(label) { point.z > floor_m } else { counts(label) };
+            let may_carry = *label == 0 || carriers.contains(label);
+            let is_beside = if may_carry { point.z > floor_m && !self.touched.contains(label) } else { counts(label) };
             if is_beside {
                 nearest.see(placed.to_point_m(point));
             }
@@ -146,5 +147,16 @@ mod tests {
             .object(2, [-0.3, -0.2], [0.06, 0.06, 0.08])
             .prepared();
         is_about(clearance_m(&walled, &[1], [0.0, -0.05, 0.004]), 0.1);
+    }
+
+    #[test]
+    fn the_rim_of_what_carries_it_counts_unless_that_is_to_be_touched() {
+        let tray = SceneBuilder::table()
+            .object(1, [0.0, 0.0], [0.3, 0.3, 0.02])
+            .object(1, [0.0, 0.13], [0.3, 0.04, 0.08])
+            .object(2, [-0.3, -0.2], [0.06, 0.06, 0.08])
+            .prepared();
+        is_about(clearance_m(&tray, &[], [0.0, 0.0, 0.024]), 0.08);
+        assert_eq!(clearance_m(&tray, &[1], [0.0, 0.0, 0.024]), None, "the rim is of what it is to touch");
     }
 }

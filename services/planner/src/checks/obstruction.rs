@@ -12,7 +12,7 @@ use crate::settings::{ClearanceSettings, SupportSettings};
 pub struct Obstruction {
     /// Share of the query's cells that something else fills, strays left out.
     pub colliding_share: f64,
-    /// Distance to the nearest obstacle, metres, up to the width of the clearance ring; 0 in collision.
+    /// Distance to the nearest obstacle, metres, up to the width of the clearance ring; 0 in collision. Told in steps, rounded down.
     pub clearance_m: f64,
     /// Share of the cells where the query's unseen back may reach that something else fills.
     pub doubtful_share: f64,
@@ -22,6 +22,13 @@ pub struct Obstruction {
 const BIN_M: f32 = 0.005;
 /// Bins; larger distances count in the last.
 const BINS: usize = 64;
+
+impl Obstruction {
+    /// The most that the distance to the nearest obstacle may be, where it was told by cells of that edge, metres.
+    pub fn most_clear_m(&self, cell_m: f32) -> f64 {
+        self.clearance_m + f64::from(BIN_M + std::f32::consts::SQRT_2 * cell_m)
+    }
+}
 
 /// What is in the way of a candidate. `touched` objects may be touched and do not count for the clearance.
 pub fn obstruction(

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{ViewerFrame, cloud};
 use repose_proto::place::GeometricCheck;
 use repose_proto::{CallError, GoalTerm, Relation};
@@ -96,6 +96,12 @@ impl Rules {
     /// The turn that aligns the query with an anchor, modulo a quarter turn, radians; none if either has no orientation.
     pub fn aligning_yaw_rad(&self, anchor: u16) -> Option<f64> {
         Some(self.anchors.get(&anchor)?.yaw_rad? - self.query.yaw_rad?)
+    }
+
+    /// From the middle of a candidate's box to that of an anchor's, seen from above, world frame, metres: what `centered` goes by.
+    pub fn to_center_m(&self, candidate: &CandidatePose, anchor: u16) -> Option<Vector2<f64>> {
+        let to_center = self.anchors.get(&anchor)?.extents.center - self.placed_extents(candidate).center;
+        Some((self.viewer.world_from_viewer() * to_center).xy())
     }
 
     /// Checks each term (negation included) for a candidate, in the goal's order.

@@ -69,7 +69,7 @@ impl<'a> Constraints<'a> {
         for (reason, miss) in &self.refused {
             judged.reject(*reason, *miss);
         }
-        if let Some(miss) = region_miss(&candidate, &request.region) {
+        if let Some(miss) = region_miss(&self.problem.placed_centroid(&candidate), &request.region) {
             judged.reject(Rejection::Region, miss);
         }
         let (visibility, miss) = view_miss(&prepared.belief.view, query, &candidate, &fixed.view);
@@ -125,12 +125,12 @@ impl<'a> Constraints<'a> {
         } else if wanted_m > 0.0 {
             // A variant without a collision constraint still keeps the clearance: in collision it is 0.
             let by_cells_m = wanted_m.min(f64::from(fixed.clearance.max_ring_m));
-            if found.clearance_m < by_cells_m {
+            if found.most_clear_m(prepared.belief.columns.cell_m()) < by_cells_m {
                 judged.reject(Rejection::Clearance, wanted_m - found.clearance_m);
             } else if judged.feasible()
                 && let Some(clearance_m) = self.clearance.within(&judged.candidate, wanted_m).filter(|c| *c < wanted_m)
             {
-                // The cells do not see low things, nor farther than their ring.
+                // The cells are exact to about a centimetre, and do not see low things, nor farther than their ring.
                 judged.reject(Rejection::Clearance, wanted_m - clearance_m);
             }
         }

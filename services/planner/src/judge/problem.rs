@@ -1,5 +1,6 @@
 //! One request on one scene: what every step of a search reads and none changes.
 
+use nalgebra::Point3;
 use repose_proto::Relation;
 use repose_proto::place::PlaceRequest;
 
@@ -66,11 +67,9 @@ impl<'a> PlacementProblem<'a> {
         }
         let mut settled = *candidate;
         let centered = self.request.goal.iter().find(|t| t.holds && t.relation == Relation::Centered);
-        if let Some(anchor) = centered.and_then(|t| self.rules.anchor(t.anchor)) {
-            let center = self.rules.viewer().world_from_viewer() * anchor.extents.center;
-            let shift = center.xy().cast::<f32>() - settled.carry(&self.query.shape.axis_offset());
-            settled.centroid_m[0] += shift.x;
-            settled.centroid_m[1] += shift.y;
+        if let Some(shift) = centered.and_then(|t| self.rules.to_center_m(&settled, t.anchor)) {
+            settled.centroid_m[0] += shift.x as f32;
+            settled.centroid_m[1] += shift.y as f32;
         }
         if let Some(rest_m) = self.ground().rest_m(&settled, ceiling_m) {
             settled.centroid_m[2] = rest_m + self.query.shape.centroid_height_m();
@@ -88,8 +87,43 @@ impl<'a> PlacementProblem<'a> {
         let_go
     }
 
+    /// Where the answer that a candidate makes puts the centroid of what was observed of the object, world frame, metres.
+    pub fn placed_centroid(&self, candidate: &CandidatePose) -> Point3<f64> {
+        let let_go = self.let_go(candidate);
+        let carried = |turned: &Turned<'_>| let_go.placed_from_observed(&self.query.shape.centroid) * turned.observed_centroid;
+        self.turned.map_or_else(|| let_go.centroid(), carried)
+    }
+
     /// The height that a drawn candidate is lowered from, world z, metres.
     pub fn ceiling_over(&self, candidate: &CandidatePose) -> f32 {
         self.query.bottom_of(candidate.centroid_m[2]) + self.settings.fixed.proposals.lowered_m
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_geometry::ViewerFrame;
+    use repose_proto::place::Variant;
+
+    use super::*;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    #[test]
+    fn what_is_to_be_centered_is_so_by_the_rule_though_its_mass_is_to_one_side() {
+        let seen = SceneBuilder::table().object(1, [0.1, 0.0], [0.12, 0.12, 0.06]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared();
+        let mut shapes = seen.belief.shapes();
+        shapes.get_mut(&2).unwrap().axis.x += 0.01;
+        let prepared = PreparedScene::with_shapes(seen.scene.clone(), shapes);
+        let goal = vec!["centered:1".parse().unwrap()];
+        let request = PlaceRequest { variant: Variant::Geometric, ..PlaceRequest::new(prepared.scene_id.clone(), 2, goal) };
+        let settings = PlanSettings::of(&request);
+        let query = prepared.query(2, 0.0, &settings.fixed).unwrap();
+        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.3), &settings.fixed.rules).unwrap();
+        let problem =
+            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
+        for yaw_rad in [0.0, 0.7] {
+            let checks = rules.checks(&problem.settled(&CandidatePose { centroid_m: [0.2, 0.1, 0.1], yaw_rad }, 0.2));
+            assert!(checks[0].holds, "turned by {yaw_rad}: {checks:?}");
+        }
     }
 }

@@ -7,13 +7,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector2, Vector3};
 use repose_belief::covering::hidden_under;
 use repose_belief::shape::Shape;
 use repose_belief::{BeliefSettings, BelievedObject};
-use repose_geometry::{Aabb, Footprint};
+use repose_geometry::{Aabb, Footprint, cloud};
 use repose_proto::place::Variant;
-use repose_proto::{Scene, Surface};
+use repose_proto::{Scene, Surface, UnseenSpace};
 
 use crate::scene::prepared::PreparedScene;
 use crate::scene::traits::solid_of;
@@ -21,6 +21,8 @@ use crate::settings::{Recipe, SupportSettings};
 
 /// Spacing of the points that stand for the surface where an object stood, metres: a few to a cell of the planner's map.
 const SURFACE_M: f32 = 0.005;
+/// Spacing of the points that stand for what an object stood on, once that shows, metres: one to each cell of the planner's map, however it is turned.
+const UNDERSIDE_M: f32 = 0.0035;
 /// A surface at most this far from an object's lowest point is what it stood on, metres: borders are cleaned off a cloud.
 const FOOT_M: f64 = 0.03;
 /// Heights this close are of one top, metres.
@@ -28,7 +30,7 @@ const SAME_TOP_M: f32 = 0.02;
 /// A turn leaves an object upright where the cosine of its tilt is at least this.
 const UPRIGHT_COSINE: f64 = 0.999_9;
 /// The color of points that nobody saw.
-pub const GREY: [u8; 3] = [128; 3];
+const GREY: [u8; 3] = [128; 3];
 
 /// How far an object of a table comes down where a placement of a variant lets go of it, metres: by as much as it might have reached lower, too.
 fn fall_m(table: &PreparedScene, object: u16, placed_from_observed: &Isometry3<f64>, variant: Variant) -> f64 {
@@ -51,10 +53,17 @@ pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Is
     let fall_m = fall_m(table, object, placed_from_observed, variant);
     let came_to_rest = Translation3::new(0.0, 0.0, -fall_m) * placed_from_observed;
     let mut shapes = bared(table, object);
-    if let Some(carried) = table.belief.objects.get(&object).and_then(|seen| carried(table, (object, seen), &came_to_rest)) {
-        shapes.insert(object, carried);
-    }
-    let after = moved_from(&table.scene, object, &came_to_rest, floor_of(table, object, &shapes));
+    let left = Left::of(table, object, &shapes);
+    let seen = table.belief.objects.get(&object);
+    let turned_over = seen.filter(|_| !is_upright(&came_to_rest)).and_then(|seen| on_other_side(table, (object, seen), &came_to_rest));
+    let after = if let Some((points, shape)) = turned_over {
+        shapes.insert(object, shape);
+        with_cloud_after(&table.scene, object, &points, left)
+    } else {
+        let carried = shapes.get(&object).and_then(|shape| shape.carried(&came_to_rest));
+        shapes.extend(carried.map(|shape| (object, shape)));
+        moved_from(&table.scene, object, &came_to_rest, left)
+    };
     PreparedScene::with_shapes(Arc::new(after), shapes)
 }
 
@@ -83,43 +92,57 @@ fn floor_of(table: &PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -
     let of_carrier = |carrier: u16| {
         let shape = shapes.get(&carrier)?;
         let is_in_it = foot_m < shape.top_m - SAME_TOP_M;
-        let top = shape.slabs.last().filter(|_| !is_in_it).map(|slab| slab.outline.clone());
-        Some(Floor { height_m: if is_in_it { foot_m } else { shape.top_m }, label: carrier, top })
+        let outline = shape.slabs.last()?.outline.clone();
+        Some(Floor { height_m: if is_in_it { foot_m } else { shape.top_m }, label: carrier, is_top: !is_in_it, outline })
     };
     carriers(table, object).into_iter().filter_map(of_carrier).max_by(|a, b| a.height_m.total_cmp(&b.height_m))
 }
 
-/// An object's shape after a motion, which may have set it on another side.
-fn carried(table: &PreparedScene, (id, object): (u16, &BelievedObject), motion: &Isometry3<f64>) -> Option<Shape> {
+/// The points all over an object after a motion that set it on another side, and its shape. What was seen of it may face downwards now, and would tell of
+/// a hollow that is as deep as the object is high.
+fn on_other_side(
+    table: &PreparedScene,
+    (id, object): (u16, &BelievedObject),
+    motion: &Isometry3<f64>,
+) -> Option<(Vec<Point3<f32>>, Shape)> {
     let shape = object.shape.as_ref()?;
-    if is_upright(motion) {
-        return shape.carried(motion);
-    }
-    let turned = solid_of(table, id, object, shape).moved(motion).shape_after(motion, shape, &BeliefSettings::default().shape)?;
-    Some(Shape { centroid: motion * shape.centroid, ..turned })
+    let surface = solid_of(table, id, object, shape).moved(motion);
+    let turned = surface.shape_after(motion, shape, &BeliefSettings::default().shape)?;
+    let carry = |p: Point3<f32>| (motion * p.cast::<f64>()).cast::<f32>();
+    let points: Vec<Point3<f32>> = surface.points.into_iter().chain(underside(shape).map(carry)).collect();
+    let centroid = cloud::centroid(&points)?;
+    Some((points, Shape { centroid, ..turned }))
+}
+
+/// Points all over what an object stands on, of which a completed surface has the corners only.
+fn underside(shape: &Shape) -> impl Iterator<Item = Point3<f32>> + '_ {
+    let (min, max) = shape.base.bounds();
+    let steps = (max - min).map(|span_m| (span_m / UNDERSIDE_M) as usize);
+    let places = (0..=steps.y).flat_map(move |j| (0..=steps.x).map(move |i| min + Vector2::new(i as f32, j as f32) * UNDERSIDE_M));
+    places.filter(move |place| shape.base.contains(place)).map(move |place| Point3::new(place.x, place.y, shape.bottom_m))
 }
 
 /// The table without an object.
 pub fn table_without(table: &PreparedScene, object: u16) -> PreparedScene {
     let mut shapes = bared(table, object);
-    let after = without_on(&table.scene, object, floor_of(table, object, &shapes));
+    let after = without_after(&table.scene, object, Left::of(table, object, &shapes));
     shapes.remove(&object);
     PreparedScene::with_shapes(Arc::new(after), shapes)
 }
 
 /// The scene with an object elsewhere.
 pub fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>) -> Scene {
-    moved_from(scene, object, placed_from_observed, None)
+    moved_from(scene, object, placed_from_observed, Left::default())
 }
 
-/// The same, of an object that is known to have stood on a floor.
-fn moved_from(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>, floor: Option<Floor>) -> Scene {
+/// The same, where more is known of the place that it leaves.
+fn moved_from(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>, left: Left<'_>) -> Scene {
     let mut after = scene.clone();
     let carry = |p: [f32; 3]| -> [f32; 3] { (placed_from_observed * Point3::from(p).cast::<f64>()).cast::<f32>().coords.into() };
     for (point, _) in after.points.iter_mut().zip(&scene.labels).filter(|(_, label)| **label == object) {
         *point = carry(*point);
     }
-    leave(&mut after, scene, object, floor);
+    leave(&mut after, scene, object, left);
     let cloud: Vec<Point3<f32>> = after.points_of(object).map(Point3::from).collect();
     if let (Some(summary), Some(bounds)) = (after.meta.objects.iter_mut().find(|o| o.id == object), Aabb::of(&cloud)) {
         summary.centroid_m = (placed_from_observed * Point3::from(summary.centroid_m)).coords.into();
@@ -137,12 +160,12 @@ fn moved_from(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>,
 
 /// The scene without an object.
 pub fn without(scene: &Scene, object: u16) -> Scene {
-    without_on(scene, object, None)
+    without_after(scene, object, Left::default())
 }
 
-fn without_on(scene: &Scene, object: u16, floor: Option<Floor>) -> Scene {
+fn without_after(scene: &Scene, object: u16, left: Left<'_>) -> Scene {
     let mut after = scene.clone();
-    leave(&mut after, scene, object, floor);
+    leave(&mut after, scene, object, left);
     let kept = |i: &usize| *i >= scene.labels.len() || scene.labels[*i] != object;
     let keep: Vec<usize> = (0..after.points.len()).filter(kept).collect();
     after.points = keep.iter().map(|i| after.points[*i]).collect();
@@ -153,60 +176,124 @@ fn without_on(scene: &Scene, object: u16, floor: Option<Floor>) -> Scene {
     after
 }
 
+/// The scene with other points of an object, which had a shape where it was seen.
+pub fn with_cloud(scene: &Scene, object: u16, shape: &Shape, points: &[Point3<f32>]) -> Scene {
+    with_cloud_after(scene, object, points, Left { floor: None, filled: Some(shape) })
+}
+
+fn with_cloud_after(scene: &Scene, object: u16, points: &[Point3<f32>], left: Left<'_>) -> Scene {
+    let mut after = without_after(scene, object, left);
+    after.points.extend(points.iter().map(|p| <[f32; 3]>::from(p.coords)));
+    after.labels.extend(points.iter().map(|_| object));
+    if let Some(colors) = &mut after.colors {
+        colors.extend(points.iter().map(|_| GREY));
+    }
+    let place = scene.meta.objects.iter().position(|o| o.id == object);
+    if let (Some(place), Some(bounds), Some(middle)) = (place, Aabb::of(points), cloud::centroid(points)) {
+        let mut summary = scene.meta.objects[place].clone();
+        summary.points = points.len();
+        summary.centroid_m = middle.coords.into();
+        summary.extent_m = (bounds.max - bounds.min).cast::<f64>().into();
+        after.meta.objects.insert(place, summary);
+    }
+    after
+}
+
+/// What is known of the place that an object leaves.
+#[derive(Debug, Default)]
+struct Left<'a> {
+    floor: Option<Floor>,
+    /// What it filled there.
+    filled: Option<&'a Shape>,
+}
+
+impl<'a> Left<'a> {
+    /// Of an object of a table, with the shapes that what carries it has without it.
+    fn of(table: &'a PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -> Self {
+        let filled = table.belief.objects.get(&object).and_then(|object| object.shape.as_ref());
+        Self { floor: floor_of(table, object, shapes), filled }
+    }
+}
+
 /// What goes on beneath the place where an object stood.
 #[derive(Debug, Clone)]
 struct Floor {
     height_m: f32,
     /// Whose it is, 0 for furniture.
     label: u16,
-    /// The whole top, where it is an object's.
-    top: Option<Footprint>,
+    /// Where it ends: what stood on it may have reached beyond.
+    outline: Footprint,
+    /// Whether it is known to be the whole top of an object.
+    is_top: bool,
 }
 
 impl Floor {
+    /// A surface as it was seen; none where its outline has no area.
+    fn of(surface: &Surface) -> Option<Self> {
+        let outline = Footprint::of_outline(&surface.outline_m)?;
+        Some(Self { height_m: surface.height_m as f32, label: surface.object.unwrap_or(0), outline, is_top: false })
+    }
+
     /// Makes the top one surface of its own. What perception found of it is the strip that the object left free, which tells less of its height than
     /// its highest points do.
     fn show_top(&self, scene: &mut Scene) {
-        let Some(top) = &self.top else { return };
+        if !self.is_top {
+            return;
+        }
         let is_strip = |s: &Surface| s.object == Some(self.label) && (s.height_m as f32 - self.height_m).abs() <= SAME_TOP_M;
         scene.meta.surfaces.retain(|s| !is_strip(s));
-        let outline_m = top.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect();
-        let (height_m, area_m2) = (f64::from(self.height_m), f64::from(top.area()));
+        let outline_m = self.outline.corners().iter().map(|c| [f64::from(c.x), f64::from(c.y)]).collect();
+        let (height_m, area_m2) = (f64::from(self.height_m), f64::from(self.outline.area()));
         scene.meta.surfaces.push(Surface { height_m, outline_m, area_m2, object: Some(self.label) });
     }
 }
 
-/// Frees the place where an object stood: its space was seen through, as it were, and what carried it goes on beneath it: `floor`, or where that is
-/// not known the surface nearest to its lowest point.
-fn leave(after: &mut Scene, before: &Scene, object: u16, floor: Option<Floor>) {
+/// Frees the place where an object stood: what it filled was seen through, as it were, and what carried it goes on beneath it: the floor that is known,
+/// or else the surface nearest to its lowest point.
+fn leave(after: &mut Scene, before: &Scene, object: u16, left: Left<'_>) {
     let cloud: Vec<Point3<f32>> = before.points_of(object).map(Point3::from).collect();
     let Some(bounds) = Aabb::of(&cloud) else { return };
     if let Some(space) = &mut after.meta.unseen.space {
-        let cell = |value: f32, k: usize| (f64::from(value) - space.origin_m[k]) / space.cell_m;
-        let side = |k: usize, most: usize| {
-            let low = cell(bounds.min[k], k).floor().clamp(0.0, most as f64) as usize;
-            low..(cell(bounds.max[k], k).ceil().clamp(0.0, most as f64) as usize)
-        };
-        let (columns, rows, levels) = (side(0, space.columns), side(1, space.rows), side(2, repose_proto::UnseenSpace::LEVELS));
-        let mask = levels.fold(0u32, |mask, level| mask | 1 << level);
-        for row in rows {
-            for column in columns.clone() {
-                space.hidden[row * space.columns + column] &= !mask;
-            }
+        match (left.filled, Footprint::of(&cloud)) {
+            (Some(shape), _) => shape.slabs.iter().for_each(|slab| see_through(space, &slab.outline, slab.low_m, slab.high_m)),
+            (None, Some(outline)) => see_through(space, &outline, bounds.min.z, bounds.max.z),
+            (None, None) => {}
         }
     }
     let surface = || carrier(before, object, f64::from(bounds.min.z));
-    let of_surface = |s: &Surface| Floor { height_m: s.height_m as f32, label: s.object.unwrap_or(0), top: None };
-    let Some(floor) = floor.or_else(|| surface().map(of_surface)) else { return };
+    let Some(floor) = left.floor.or_else(|| surface().and_then(Floor::of)) else { return };
     floor.show_top(after);
     let footprint: BTreeSet<[i32; 2]> =
         cloud.iter().map(|p| [(p.x / SURFACE_M).floor() as i32, (p.y / SURFACE_M).floor() as i32]).collect();
     for [column, row] in footprint {
         let place = Point2::new((column as f32 + 0.5) * SURFACE_M, (row as f32 + 0.5) * SURFACE_M);
+        if !floor.outline.contains(&place) {
+            continue;
+        }
         after.points.push([place.x, place.y, floor.height_m]);
         after.labels.push(floor.label);
         if let Some(colors) = &mut after.colors {
             colors.push(GREY);
+        }
+    }
+}
+
+/// Nothing is unseen any longer in the cubes that an upright prism reaches into.
+fn see_through(space: &mut UnseenSpace, outline: &Footprint, low_m: f32, high_m: f32) {
+    let (origin_m, cell_m, columns) = (space.origin_m, space.cell_m, space.columns);
+    let side = |low_m: f32, high_m: f32, k: usize, most: usize| {
+        let [low, high] = [low_m, high_m].map(|value| (f64::from(value) - origin_m[k]) / cell_m);
+        (low.floor().clamp(0.0, most as f64) as usize)..(high.ceil().clamp(0.0, most as f64) as usize)
+    };
+    let mask = side(low_m, high_m, 2, UnseenSpace::LEVELS).fold(0u32, |mask, level| mask | 1 << level);
+    let middle_m = |cell: usize, k: usize| (origin_m[k] + (cell as f64 + 0.5) * cell_m) as f32;
+    let to_corner_m = (std::f64::consts::FRAC_1_SQRT_2 * cell_m) as f32;
+    let (min, max) = outline.bounds();
+    for row in side(min.y, max.y, 1, space.rows) {
+        for column in side(min.x, max.x, 0, columns) {
+            if outline.margin(&Point2::new(middle_m(column, 0), middle_m(row, 1))) >= -to_corner_m {
+                space.hidden[row * columns + column] &= !mask;
+            }
         }
     }
 }
@@ -273,5 +360,42 @@ mod tests {
         assert!(on_top > 50, "{on_top} points of its top");
         let gone = table_without(&table, 2);
         assert_eq!(gone.belief.objects[&1].shape, bare.belief.objects[&1].shape);
+    }
+
+    #[test]
+    fn what_reached_beyond_its_carrier_leaves_nothing_there() {
+        // On a block a post with a wide plate on it, and a board over the edge of the table, which ends at x = 0.5.
+        let scene = SceneBuilder::table()
+            .object(1, [0.0, 0.0], [0.08, 0.08, 0.05])
+            .object_at(2, [0.0, 0.0], 0.05, [0.04, 0.04, 0.1])
+            .object_at(2, [0.0, 0.0], 0.15, [0.2, 0.2, 0.02])
+            .object(3, [0.47, -0.2], [0.1, 0.05, 0.03])
+            .scene();
+        let after = table_without(&PreparedScene::new(Arc::new(scene.clone())), 2);
+        let block: Vec<[f32; 3]> = after.scene.points_of(1).collect();
+        assert!(block.iter().all(|p| p[0].abs() < 0.055), "it is 8 cm wide");
+        let bared = block.iter().filter(|p| p[0].abs() < 0.02 && p[1].abs() < 0.02 && (p[2] - 0.05).abs() < 0.006).count();
+        assert!(bared > 20, "{bared} points where the post stood");
+        assert!(without(&scene, 3).points_of(0).all(|p| p[0] < 0.501), "no table in the air");
+    }
+    #[test]
+    fn beside_what_an_object_filled_its_place_stays_unseen() {
+        // A bar on the table, at half a right angle to the axes, in space that nobody saw.
+        let mut scene = SceneBuilder::table().scene();
+        for k in 0..=200 {
+            let along = -0.1 + 0.001 * k as f32;
+            for [aside, height] in [[-0.01, 0.01], [-0.01, 0.03], [0.01, 0.03], [0.01, 0.01]] {
+                scene.points.push([along - aside, along + aside, height]);
+                scene.labels.push(1);
+            }
+        }
+        scene.meta.unseen.space =
+            Some(UnseenSpace { origin_m: [-0.2, -0.2, 0.0], cell_m: 0.02, columns: 20, rows: 20, hidden: vec![0b111; 400] });
+        let known = table_without(&PreparedScene::new(Arc::new(scene.clone())), 1).scene;
+        for after in [&without(&scene, 1), &*known] {
+            let hides = |place: [f64; 3]| after.meta.unseen.space.as_ref().unwrap().hides(place);
+            assert_eq!([hides([0.01, 0.01, 0.02]), hides([-0.07, -0.07, 0.02])], [Some(false); 2], "it was there");
+            assert_eq!([hides([0.09, -0.09, 0.02]), hides([-0.07, 0.07, 0.02])], [Some(true); 2], "behind it and before it");
+        }
     }
 }

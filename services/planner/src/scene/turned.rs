@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Translation3};
-use repose_geometry::{Aabb, cloud};
-use repose_proto::{CallError, Scene};
+use repose_proto::CallError;
 
-use crate::scene::moved::{GREY, without};
+use crate::scene::moved::with_cloud;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::traits::solid_of;
 use repose_belief::settings::BeliefSettings;
@@ -29,6 +28,8 @@ pub struct TurnedOver<'a> {
 pub struct Turned<'a> {
     /// The scene before that: how the object lay, and what lay against it.
     pub as_seen: &'a PreparedScene,
+    /// Where the centroid of what was observed of the object has come to, world frame, metres: that of the turned object's points is another.
+    pub observed_centroid: Point3<f64>,
     /// By which angle, radians.
     pub angle_rad: f64,
     /// Share of what it stands on now that was seen.
@@ -71,9 +72,10 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
     turned_shape.foot_doubt_m = settings.sides.lower_m;
     let mut known = prepared.belief.shapes();
     known.insert(id, turned_shape);
-    let scene = with_cloud(&prepared.scene, id, &solid.points);
+    let scene = with_cloud(&prepared.scene, id, shape, &solid.points);
     let turned = Turned {
         as_seen: prepared,
+        observed_centroid: turned_from_observed * object.centroid,
         angle_rad: turned_from_observed.rotation.angle(),
         seen_base_share: solid.seen_base_share(settings.sides.contact_m),
     };
@@ -81,25 +83,6 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
     // Nothing lay on it, so nothing does, even if it has come to be under something.
     after.belief.bare(id);
     Ok(TurnedOver { prepared: after, turned })
-}
-
-/// The scene with other points of an object.
-fn with_cloud(scene: &Scene, object: u16, points: &[Point3<f32>]) -> Scene {
-    let mut after = without(scene, object);
-    after.points.extend(points.iter().map(|p| <[f32; 3]>::from(p.coords)));
-    after.labels.extend(points.iter().map(|_| object));
-    if let Some(colors) = &mut after.colors {
-        colors.extend(points.iter().map(|_| GREY));
-    }
-    let place = scene.meta.objects.iter().position(|o| o.id == object);
-    if let (Some(place), Some(bounds), Some(middle)) = (place, Aabb::of(points), cloud::centroid(points)) {
-        let mut summary = scene.meta.objects[place].clone();
-        summary.points = points.len();
-        summary.centroid_m = middle.coords.into();
-        summary.extent_m = (bounds.max - bounds.min).cast::<f64>().into();
-        after.meta.objects.insert(place, summary);
-    }
-    after
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use repose_proto::place::{
 };
 use repose_proto::{ErrorCode, GoalTerm, RigidTransform};
 
+use crate::checks::clearance::Clearance;
 use crate::checks::rules::Rules;
 use crate::judge::constraints::Constraints;
 use crate::judge::problem::PlacementProblem;
@@ -314,6 +315,25 @@ fn the_asked_clearance_is_kept() {
     wide.min_clearance_m = Some(5.0);
     let error = plan(&prepared, &wide, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some("min_clearance_m")));
+}
+
+#[test]
+fn places_are_too_near_where_their_clearance_is_less_than_was_asked_and_nowhere_else() {
+    let prepared = table().prepared();
+    for wanted_m in [0.01, 0.03, 0.052] {
+        let request = PlaceRequest { min_clearance_m: Some(wanted_m), ..request(&prepared, 2, &["right_of:1"]) };
+        let settings = PlanSettings::of(&request);
+        let query = QueryObject::new(&prepared, 2, wanted_m, &settings.fixed).unwrap();
+        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
+        let problem =
+            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
+        let (constraints, clearance) = (Constraints::new(problem), Clearance::new(&prepared, &query, &settings.fixed, Vec::new()));
+        for k in 0..80 {
+            let candidate = standing_at(&query, 0.1 + 0.001 * k as f32, 0.0, settings.fixed.support.release_m);
+            let (clear_m, rejection) = (clearance.of(&candidate).unwrap(), constraints.tried(candidate, 0).rejection);
+            assert_eq!(rejection == Some(Rejection::Clearance), clear_m < wanted_m, "{clear_m} m, {wanted_m} asked: {rejection:?}");
+        }
+    }
 }
 
 #[test]

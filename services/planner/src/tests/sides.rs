@@ -2,17 +2,22 @@
 
 use std::ops::ControlFlow;
 
+use nalgebra::{Translation3, Vector2};
 use repose_belief::settings::SideSettings;
-use repose_geometry::transform;
-use repose_proto::place::{Outcome, PlaceRequest, Placement, Rotation, ShortfallReason, Variant};
+use repose_geometry::{ViewerFrame, transform};
+use repose_proto::place::{Outcome, PlaceRequest, Placement, RegionBox, Rejection, Rotation, ShortfallReason, Variant};
 
+use crate::checks::rules::Rules;
+use crate::judge::constraints::Constraints;
+use crate::judge::problem::PlacementProblem;
 use crate::learned::{standing, success};
 use crate::plan::{PlanReport, plan_turned_with_report, plan_with_report};
 use crate::scene::moved::table_after;
 use crate::scene::turned::{turned_over, turns};
+use crate::settings::PlanSettings;
 use crate::tests::fake::{self, BESIDE, Fake, always, scene, stepped};
 use crate::tests::plan::{request, run};
-use crate::tests::synthetic::{Prepared, SceneBuilder};
+use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
 #[test]
 fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_faces() {
@@ -61,6 +66,28 @@ fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_f
 }
 
 #[test]
+fn what_was_set_on_another_side_is_as_solid_as_it_was() {
+    let table = SceneBuilder::table().object(1, [0.0, 0.0], [0.12, 0.1, 0.08]).object(2, [-0.3, 0.2], [0.05; 3]).prepared();
+    for turn in turns(&table, 1).unwrap() {
+        let bottom_m = turned_over(&table, 1, turn).unwrap().prepared.belief.objects[&1].shape.as_ref().unwrap().bottom_m;
+        let motion = Translation3::new(0.25, -0.1, -f64::from(bottom_m)) * turn;
+        let after = table_after(&table, 1, &motion, Variant::Full);
+        let object = &after.belief.objects[&1];
+        let shape = object.shape.as_ref().unwrap();
+        assert!((object.centroid - shape.centroid).norm() < 1e-6 && shape.bottom_m.abs() < 1e-3, "{} {shape:?}", object.centroid);
+        let inside_m = shape.bottom_m + 0.45 * (shape.top_m - shape.bottom_m);
+        let is_filled = |offset: &Vector2<f32>| {
+            let runs = after.belief.columns.at(&(shape.axis + offset));
+            runs.iter().any(|run| run.object == 1 && run.low_m < inside_m && run.high_m > inside_m)
+        };
+        // A few cells of a face may show no point of it.
+        let offsets: Vec<Vector2<f32>> = (0..49).map(|k| Vector2::new((k % 7 - 3) as f32, (k / 7 - 3) as f32) * 0.008).collect();
+        let filled = offsets.iter().filter(|offset| is_filled(offset)).count();
+        assert!(filled > 30, "{filled} of 49 cells, turned by {} degrees", turn.rotation.angle().to_degrees());
+    }
+}
+
+#[test]
 fn answers_on_other_sides_that_are_too_close_are_told() {
     let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.12, 0.08, 0.06]).prepared();
     // There is room for one answer, whatever side it is on.
@@ -72,6 +99,31 @@ fn answers_on_other_sides_that_are_too_close_are_told() {
     let (of_one, of_all) = (as_it_lies.shortfall.unwrap(), result.shortfall.unwrap());
     assert_eq!((of_all.reason, of_all.too_close), (ShortfallReason::Separation, of_all.passed - 1));
     assert!(of_all.passed > of_one.passed + 100, "{of_all:?} after {of_one:?}");
+}
+
+#[test]
+fn a_region_is_asked_about_the_centroid_of_what_was_seen_where_an_answer_lets_go_of_it() {
+    let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.12, 0.08, 0.06]).prepared();
+    let settings = PlanSettings::of(&request(&prepared, 2, &["right_of:1"]));
+    for turn in turns(&prepared, 2).unwrap() {
+        let table = turned_over(&prepared, 2, turn).unwrap();
+        let query = table.prepared.query(2, 0.0, &settings.fixed).unwrap();
+        let candidate = standing_at(&query, 0.25, 0.1, settings.fixed.support.release_m);
+        let rise = Translation3::new(0.0, 0.0, f64::from(SideSettings::default().lower_m));
+        let placed_from_observed = rise * candidate.placed_from_observed(&query.shape.centroid) * turn;
+        let placed = placed_from_observed * prepared.belief.objects[&2].centroid;
+        let rejection = |[x, y, z]: [f64; 3]| {
+            let around = RegionBox { min_m: [x, y, z].map(|v| v - 0.001), max_m: [x, y, z].map(|v| v + 0.001), inside: true };
+            let wanted = PlaceRequest { region: vec![around], ..request(&table.prepared, 2, &["right_of:1"]) };
+            let viewer = ViewerFrame::from_yaw(0.0);
+            let rules = Rules::new(&table.prepared, 2, &wanted.goal, &viewer, &settings.fixed.rules).unwrap();
+            let (prepared, turned) = (&table.prepared, Some(&table.turned));
+            let problem = PlacementProblem { prepared, turned, query: &query, rules: &rules, request: &wanted, settings: &settings };
+            Constraints::new(problem).tried(candidate, 0).rejection
+        };
+        assert_ne!(rejection(placed.into()), Some(Rejection::Region));
+        assert_eq!(rejection(candidate.centroid().into()), Some(Rejection::Region), "the middle of its whole surface, where it is judged");
+    }
 }
 
 #[test]
