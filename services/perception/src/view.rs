@@ -79,6 +79,7 @@ impl DepthView {
         if let Some(labels) = &frame.labels {
             let labels = as_image(labels.clone(), &self.camera, "labels")?;
             self.flying += stray::remove(&labels, self.depth.depth_m_mut(), self.camera.fx as f32, &settings.flying);
+            self.coarse.leave_out_unread(self.depth.depth_m());
             return Ok(Found::objects(labels));
         }
         let colors = frame.color.clone().map(|colors| as_image(colors, &self.camera, "color")).transpose()?;
