@@ -19,7 +19,7 @@ pub struct PaceSettings {
     pub idle_period: Duration,
     /// How long a camera's scenes count as asked for.
     pub asked_for: Duration,
-    /// Most cameras that are known; the one that nobody heard or asked of for the longest goes.
+    /// Most cameras that are known; the one that nobody heard or asked of for the longest goes, those that never showed anything first.
     pub cameras: usize,
 }
 
@@ -158,7 +158,9 @@ impl Pace {
 
     fn camera(&mut self, camera: &str, now: Instant) -> &mut Paced {
         if !self.of_cameras.contains_key(camera) && self.of_cameras.len() >= self.settings.cameras.max(1) {
-            let silent = self.of_cameras.iter().min_by_key(|(_, known)| known.touched).map(|(name, _)| name.clone());
+            // Who asks for cameras that are another worker's, or nobody's, makes none of this one's forgotten.
+            let silent =
+                self.of_cameras.iter().min_by_key(|(_, known)| (known.came_at.is_some(), known.touched)).map(|(name, _)| name.clone());
             silent.and_then(|name| self.of_cameras.remove(&name));
         }
         let unknown =
@@ -264,5 +266,16 @@ mod tests {
         }
         assert_eq!(pace.came("a", at(5)), 3);
         assert!(pace.is_done("b", 1), "forgotten");
+    }
+
+    #[test]
+    fn who_asks_for_cameras_that_never_showed_anything_makes_no_other_forgotten() {
+        let (mut pace, at) = pace();
+        pace.came("a", at(0));
+        for (k, camera) in ["of another worker", "misspelt", "of nobody"].into_iter().enumerate() {
+            pace.asked(camera, at(1 + k as u64));
+        }
+        assert!(pace.shown().any(|shown| shown.camera == "a"));
+        assert_eq!(pace.came("a", at(10)), 2);
     }
 }
