@@ -352,7 +352,7 @@ impl CameraFollower {
         let stamp_ns = scene.summary.stamp_ns;
         let arrival = known.take(&scene);
         if arrival != Arrival::Late {
-            self.worker.keep_streamed(scene);
+            self.worker.keep_streamed(scene, &known);
         }
         match arrival {
             Arrival::Newest => {}

@@ -77,6 +77,11 @@ impl NewestScenes {
         arrival
     }
 
+    /// The ids of the cameras' newest scenes.
+    pub fn scene_ids(&self) -> impl Iterator<Item = &str> {
+        self.of_cameras.values().map(|newest| newest.summary.scene_id.as_str())
+    }
+
     /// The newest scene of a camera's stream.
     pub fn of(&self, camera: &str) -> Option<&SceneSummary> {
         self.of_cameras.get(camera).map(|newest| &newest.summary)

@@ -381,6 +381,18 @@ mod tests {
     }
 
     #[test]
+    fn what_a_mask_holds_of_the_table_is_no_surface_of_its_object() {
+        let (mut frame, _) = frame_of(&[Solid::table(0.0), Solid::cuboid([0.0, 0.1, 0.1], [0.2, 0.15, 0.1])]);
+        // As through the handle of something large: less than a twentieth of the mask.
+        let is_held = |i: usize| (20..44).contains(&(i % 320)) && (200..224).contains(&(i / 320));
+        frame.labels.iter_mut().flatten().enumerate().filter(|(i, _)| is_held(*i)).for_each(|(_, id)| *id = 9);
+        let scene = segment(&frame, &Settings::default()).unwrap();
+        assert!(scene.points_of(9).all(|p| p[1] > 0.5), "they are none of its points");
+        let tops: Vec<f64> = scene.meta.surfaces.iter().filter(|s| s.object == Some(9)).map(|s| s.height_m).collect();
+        assert!(tops.len() == 1 && (tops[0] - 0.2).abs() < 0.005, "{:?}", scene.meta.surfaces);
+    }
+
+    #[test]
     fn depth_in_a_larger_picture_is_used_and_told_of() {
         let (mut frame, _) = frame();
         for (_, count) in frame.depth.iter_mut().enumerate().filter(|(i, _)| i % 2 != 0 || i / 320 % 2 != 0) {

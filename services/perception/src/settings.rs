@@ -191,9 +191,9 @@ pub struct GravitySettings {
     pub min_readings: usize,
     /// Most readings below the plane, as a multiple of those on it: what the objects stand on has little beneath it.
     pub max_below_ratio: f64,
-    /// Largest roll of the camera about its optical axis, radians.
+    /// Largest roll of the camera about its optical axis, radians; a right angle at most, which is any roll but for one held upside down.
     pub max_roll_rad: f64,
-    /// How far past straight down the camera may look, radians. Raising it lets walls pass for tables.
+    /// How far past straight down the camera may look, radians; a right angle at most. Raising it lets walls pass for tables.
     pub max_past_vertical_rad: f64,
 }
 

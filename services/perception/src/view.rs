@@ -15,7 +15,7 @@ use crate::objects::coarse::CoarsePicture;
 use crate::objects::color::Rgb;
 use crate::objects::find::Found;
 use crate::objects::{holes, seen, spread};
-use crate::readings::depth::DepthMap;
+use crate::readings::depth::{DepthMap, is_distance};
 use crate::readings::flying::{self, Flying};
 use crate::readings::point_map::{PointMap, strided};
 use crate::robots::body::RobotBody;
@@ -43,6 +43,8 @@ pub struct DepthView {
     pub is_sparse: bool,
     /// The robots that were taken out.
     pub robots: self_filter::FilteredRobots,
+    /// Whether the frame says whose each pixel is.
+    is_labelled: bool,
     /// Every so many pixels one of the coarse picture.
     pub stride: usize,
     /// The coarse picture.
@@ -61,14 +63,14 @@ impl DepthView {
         let robots = self_filter::remove(&mut depth, &camera, &frame.robots, given_pose.as_ref(), &settings.self_filter);
 
         let stride = coarse_stride(&camera, settings.coarse_columns);
-        // Given masks say which pixel is whose; found ones follow the readings.
-        let in_camera = if frame.labels.is_some() { depth.points(stride) } else { depth.points_of_blocks(stride) };
+        let is_labelled = frame.labels.is_some();
+        let in_camera = coarse_points(&depth, stride, is_labelled);
         let (world_from_camera, world_frame) = match given_pose {
             Some(pose) => (pose, WorldFrame::Extrinsics),
             None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
         };
         let coarse = CoarsePicture::new(in_camera, &world_from_camera, &camera, stride, settings);
-        Ok(Self { camera, world_from_camera, world_frame, depth, unread, readings, flying, is_sparse, robots, stride, coarse })
+        Ok(Self { camera, world_from_camera, world_frame, depth, unread, readings, flying, is_sparse, robots, is_labelled, stride, coarse })
     }
 
     /// Whose each pixel is: as the frame says, else as it is found.
@@ -79,6 +81,7 @@ impl DepthView {
         if let Some(labels) = &frame.labels {
             let labels = as_image(labels.clone(), &self.camera, "labels")?;
             self.flying += stray::remove(&labels, self.depth.depth_m_mut(), self.camera.fx as f32, &settings.flying);
+            self.coarse.leave_out_unread(self.depth.depth_m());
             return Ok(Found::objects(labels));
         }
         let colors = frame.color.clone().map(|colors| as_image(colors, &self.camera, "color")).transpose()?;
@@ -92,7 +95,7 @@ impl DepthView {
         let held: BTreeSet<u16> = self.robots.bodies.iter().flat_map(of_body).collect();
         if !held.is_empty() {
             held::remove(&held, labels, &mut self.depth);
-            let in_camera = self.depth.points(self.stride);
+            let in_camera = coarse_points(&self.depth, self.stride, self.is_labelled);
             self.coarse = CoarsePicture::new(in_camera, &self.world_from_camera, &self.camera, self.stride, settings);
         }
     }
@@ -118,7 +121,7 @@ impl Readings {
         if readings > flying.removed {
             return Ok(Self { camera, depth, readings, flying });
         }
-        let nearest = frame.depth.iter().copied().filter(|count| *count > 0).min();
+        let nearest = frame.depth.iter().copied().filter(|count| is_distance(*count)).min();
         let nearest_m = nearest.map(|count| f64::from(count) * model.depth_unit_m).filter(|m| *m > f64::from(settings.max_depth_m));
         Err(SegmentError::NoReadings { pixels: depth.depth_m().pixels().len(), max_depth_m: settings.max_depth_m, nearest_m })
     }
@@ -131,6 +134,11 @@ fn coarse_stride(camera: &Pinhole, coarse_columns: usize) -> usize {
     let longest = camera.width.max(camera.height).max(1);
     let has_few = |stride: &usize| camera.width.div_ceil(*stride) * camera.height.div_ceil(*stride) <= most;
     (1..longest).find(has_few).unwrap_or(longest)
+}
+
+/// The points of the coarse picture. Given masks say which pixel is whose; found ones follow the readings.
+fn coarse_points(depth: &DepthMap, stride: usize, is_labelled: bool) -> PointMap {
+    if is_labelled { depth.points(stride) } else { depth.points_of_blocks(stride) }
 }
 
 /// The objects of a frame that came without labels, on its full picture. `unread` pixels had no reading before the robots' were taken out.
@@ -160,7 +168,40 @@ fn as_image<T>(pixels: Vec<T>, camera: &Pinhole, field: &str) -> Result<Image<T>
 
 #[cfg(test)]
 mod tests {
+    use repose_geometry::transform::to_row_major;
+    use repose_geometry::{Translation3, UnitQuaternion, Vector3};
+    use repose_proto::{CameraModel, RigidTransform};
+
     use super::*;
+
+    #[test]
+    fn taking_out_what_a_robot_holds_leaves_what_sparse_depth_shows_of_the_rest() {
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let down = Isometry3::from_parts(Translation3::new(0.0, 0.0, 1.0), turned);
+        let world_from_camera = Some(RigidTransform(to_row_major(&down)));
+        let camera =
+            CameraModel { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5, depth_unit_m: 0.001, world_from_camera };
+        // A table at 1 m and a thing of 40 pixels at 0.9 m, of which every second column and row was read.
+        let is_thing = |i: usize| (140..180).contains(&(i % 320)) && (100..140).contains(&(i / 320));
+        let count = |i: usize| match (i % 2, i / 320 % 2) {
+            (0, 0) if is_thing(i) => 900,
+            (0, 0) => 1000,
+            _ => 0,
+        };
+        let frame = Frame::new("test".to_owned(), 0, camera, (0..320 * 240).map(count).collect());
+        let settings = Settings { coarse_columns: 107, ..Settings::default() };
+        let mut view = DepthView::of(&frame, &settings).unwrap();
+        assert_eq!(view.stride, 3);
+        let told = |view: &DepthView| view.coarse.depth_m.pixels().iter().filter(|z| !z.is_nan()).count();
+        let before = told(&view);
+        let hand = RobotBody { balls: Vec::new(), camera_from_tcp: Isometry3::translation(0.0, 0.0, 0.9), gripper_width_m: 0.04 };
+        view.robots.bodies.push((hand, Some(true)));
+        let mut labels = Image::from_pixels(320, 240, (0..320 * 240).map(|i| u16::from(is_thing(i))).collect()).unwrap();
+        view.leave_out_held(&mut labels, &settings);
+        assert!(labels.pixels().iter().all(|id| *id == 0), "it is held");
+        let (after, held) = (told(&view), 46 * 46 / 9);
+        assert!(after < before && after + held + 100 > before, "{after} of {before}");
+    }
 
     #[test]
     fn pictures_of_every_shape_are_thinned_to_about_as_many_pixels() {

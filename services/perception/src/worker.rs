@@ -256,16 +256,22 @@ impl Worker {
         self.scenes.keep_over(&scene_id, scene, |_| true);
     }
 
-    /// Keeps a scene of a camera likewise, and lets those go that nobody asked for in time.
-    pub fn keep_streamed(&self, scene: Arc<KeptScene>) {
+    /// Keeps a scene of a camera likewise, and lets those go that nobody asked for in time, but for the `newest` of each camera: who is told of one by
+    /// `latest` asks for it next, however long ago it was made and whatever other cameras show since.
+    pub fn keep_streamed(&self, scene: Arc<KeptScene>, newest: &NewestScenes) {
         let scene_id = scene.summary.scene_id.clone();
+        for id in newest.scene_ids() {
+            // Where there is no room the least recently used goes.
+            let _ = self.scenes.get(id);
+        }
         let mut was_held = false;
         let was_held_of = |_: &KeptScene| {
             was_held = true;
             true
         };
         self.scenes.keep_over(&scene_id, scene, was_held_of);
-        for over in self.unasked().came(&scene_id, was_held, Instant::now()) {
+        let is_newest = |id: &str| newest.scene_ids().any(|newest| newest == id);
+        for over in self.unasked().came(&scene_id, was_held, is_newest, Instant::now()) {
             self.scenes.let_go(&over);
         }
     }

@@ -9,6 +9,7 @@ use std::time::Duration;
 use common::{config, encoded, frame, frame_of};
 use repose_perception::PerceptionConfig;
 use repose_perception::cameras::{CameraFollower, FrameCounts};
+use repose_perception::newest_scenes::KeptScene;
 use repose_perception::worker::Worker;
 use repose_proto::robot::RobotState;
 use repose_proto::{ErrorCode, Payload, RigidTransform, SceneSummary};
@@ -222,6 +223,35 @@ async fn robots_are_listened_to_only_while_their_states_are_needed() {
     tokio::time::timeout(within, until(true)).await.expect("somebody asks");
     tokio::time::timeout(within, until(false)).await.expect("nobody asks any more");
     following.stop().await;
+}
+
+#[tokio::test]
+async fn a_cameras_newest_scene_can_be_asked_for_whatever_another_camera_shows_since() {
+    let worker = Worker::start(&PerceptionConfig { scenes_kept: 4, unasked_kept_ms: 0, ..config() }).unwrap();
+    let keep = |camera: &str, stamp_ns: u64| {
+        let summary = SceneSummary {
+            scene_id: format!("{camera} {stamp_ns}"),
+            camera: camera.to_owned(),
+            stamp_ns,
+            objects: Vec::new(),
+            surfaces: Vec::new(),
+            left_out: Vec::new(),
+            warnings: Vec::new(),
+        };
+        let payload = Payload { encoding: String::new(), bytes: vec![0; 8].into() };
+        let scene = Arc::new(KeptScene { summary, payload });
+        let mut newest = worker.newest();
+        newest.take(&scene);
+        worker.keep_streamed(scene, &newest);
+    };
+    keep("picture", 1);
+    for stamp_ns in 1..=20 {
+        keep("stream", stamp_ns);
+        // Those that are asked for fill what room there is.
+        worker.scene(&format!("stream {stamp_ns}")).expect("the newest");
+    }
+    assert_eq!(worker.latest("picture").await.unwrap().scene_id, "picture 1");
+    assert!(worker.scene("picture 1").is_ok() && worker.scene("stream 1").is_err());
 }
 
 #[tokio::test(flavor = "multi_thread")]

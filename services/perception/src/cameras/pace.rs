@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 
 /// A camera that shows nothing for so long pauses: streams have several frames a second.
 pub const PAUSE: Duration = Duration::from_secs(1);
-/// How long before a frame's turn the robots' states are listened to: the frame that is taken then came meanwhile.
+/// How long before a frame's turn the robots' states are listened to: the frame that is taken then came meanwhile, but for the last of a stream, after
+/// which the robots still tell where they stand.
 const ROBOTS_LEAD: Duration = Duration::from_millis(500);
 
 /// When frames are due.
@@ -19,7 +20,7 @@ pub struct PaceSettings {
     pub idle_period: Duration,
     /// How long a camera's scenes count as asked for.
     pub asked_for: Duration,
-    /// Most cameras that are known; the one that nobody heard or asked of for the longest goes.
+    /// Most cameras that are known; the one that nobody heard or asked of for the longest goes, those that never showed anything first.
     pub cameras: usize,
 }
 
@@ -126,7 +127,12 @@ impl Pace {
         for known in self.of_cameras.values() {
             let from = match known.taken {
                 _ if known.came > known.done && known.resumed => now,
-                Some(taken) if self.settings.is_idle(known, now) => taken + self.settings.idle_period.saturating_sub(ROBOTS_LEAD),
+                Some(taken) if self.settings.is_idle(known, now) => {
+                    let turn = taken + self.settings.idle_period.saturating_sub(ROBOTS_LEAD);
+                    // What waits may be the last of a stream, which is due after a pause.
+                    let waiting = known.came_at.filter(|came_at| *came_at > taken);
+                    waiting.map_or(turn, |came_at| turn.min(came_at + PAUSE.saturating_sub(ROBOTS_LEAD)))
+                }
                 _ => now,
             };
             // A camera that shows nothing has no turn.
@@ -158,7 +164,9 @@ impl Pace {
 
     fn camera(&mut self, camera: &str, now: Instant) -> &mut Paced {
         if !self.of_cameras.contains_key(camera) && self.of_cameras.len() >= self.settings.cameras.max(1) {
-            let silent = self.of_cameras.iter().min_by_key(|(_, known)| known.touched).map(|(name, _)| name.clone());
+            // Who asks for cameras that are another worker's, or nobody's, makes none of this one's forgotten.
+            let silent =
+                self.of_cameras.iter().min_by_key(|(_, known)| (known.came_at.is_some(), known.touched)).map(|(name, _)| name.clone());
             silent.and_then(|name| self.of_cameras.remove(&name));
         }
         let unknown =
@@ -231,13 +239,28 @@ mod tests {
         pace.taken("front", at(60));
         pace.done("front", 1);
         stream(&mut pace, 100, 3000);
-        assert_eq!(pace.wants_robots(at(3000)), (false, Some(at(4560))));
+        assert_eq!(pace.wants_robots(at(3000)), (false, Some(at(3400))), "unless another follows");
         stream(&mut pace, 3000, 4600);
         assert!(pace.wants_robots(at(4560)).0, "half a second before its turn");
         pace.taken("front", at(5060));
         assert!(!pace.wants_robots(at(5060)).0);
         pace.asked("front", at(5070));
         assert!(pace.wants_robots(at(5070)).0);
+    }
+
+    #[test]
+    fn robots_are_listened_to_before_the_last_frame_of_a_stream_becomes_a_scene() {
+        let (mut pace, at) = pace();
+        pace.came("front", at(0));
+        pace.taken("front", at(0));
+        pace.done("front", 1);
+        for ms in (100..=3000).step_by(100) {
+            pace.came("front", at(ms));
+            assert!(!pace.wants_robots(at(ms + 90)).0, "{ms}: the stream goes on");
+        }
+        assert_eq!((pace.due("front", at(3500)), pace.wants_robots(at(3500)).0), (at(4000), true));
+        pace.taken("front", at(4000));
+        assert!(!pace.wants_robots(at(4000)).0, "nothing waits any more");
     }
 
     #[test]
@@ -264,5 +287,16 @@ mod tests {
         }
         assert_eq!(pace.came("a", at(5)), 3);
         assert!(pace.is_done("b", 1), "forgotten");
+    }
+
+    #[test]
+    fn who_asks_for_cameras_that_never_showed_anything_makes_no_other_forgotten() {
+        let (mut pace, at) = pace();
+        pace.came("a", at(0));
+        for (k, camera) in ["of another worker", "misspelt", "of nobody"].into_iter().enumerate() {
+            pace.asked(camera, at(1 + k as u64));
+        }
+        assert!(pace.shown().any(|shown| shown.camera == "a"));
+        assert_eq!(pace.came("a", at(10)), 2);
     }
 }

@@ -29,8 +29,14 @@ pub fn follow(
         known(labels, ids, &format!("hints.merge[{i}]"))?;
     }
     known(labels, &hints.split, "hints.split")?;
+    // One that an earlier list has merged is found under the id that it has since.
+    let mut since: BTreeMap<u16, u16> = BTreeMap::new();
     for ids in &hints.merge {
-        join(labels, no_objects, ids);
+        let ids_now: Vec<u16> = ids.iter().map(|id| since.get(id).copied().unwrap_or(*id)).collect();
+        join(labels, no_objects, &ids_now);
+        let Some(first) = ids_now.first() else { continue };
+        since.extend(ids.iter().map(|id| (*id, *first)));
+        since.values_mut().filter(|id| ids_now.contains(id)).for_each(|id| *id = *first);
     }
     for (i, id) in hints.split.iter().enumerate() {
         split(labels, no_objects, depth, *id).ok_or_else(|| cannot_split(i, *id))?;
@@ -156,6 +162,11 @@ mod tests {
     fn objects_are_merged_and_split_as_said() {
         let (labels, _) = followed(&SegmentHints { merge: vec![vec![1, 2]], ..SegmentHints::default() }).unwrap();
         assert_eq!(labels.pixels().iter().filter(|id| **id == 1).count(), 800);
+        for merge in [vec![vec![1, 2], vec![2, 3]], vec![vec![1, 2], vec![3, 2]], vec![vec![2, 1], vec![3, 1]]] {
+            let (labels, no_objects) = followed(&SegmentHints { merge: merge.clone(), ..SegmentHints::default() }).unwrap();
+            let ids: BTreeSet<u16> = labels.pixels().iter().copied().filter(|id| *id != 0).collect();
+            assert!(ids.len() == 1 && no_objects.is_empty(), "lists with an id in common are one object: {merge:?} gave {ids:?}");
+        }
         let (labels, _) = followed(&SegmentHints { split: vec![2], ..SegmentHints::default() }).unwrap();
         let counts = [2, 4].map(|id| labels.pixels().iter().filter(|other| **other == id).count());
         assert!(counts[0] + counts[1] == 400 && counts[1] >= 150, "{counts:?}");

@@ -1,7 +1,8 @@
 //! Readings of given masks that are not the object's: color and depth of a real camera are a few pixels apart, so that a mask drawn on color
 //! holds a strip of what is behind or before the object.
 //!
-//! A mask falls into patches that jumps in depth separate. A patch much smaller than the mask's largest is a strip of something else.
+//! A mask falls into patches that jumps in depth separate. A patch much smaller than the mask's largest is a strip of something else. What was not
+//! read separates nothing: dark objects lose every other reading, and each of those that are left would be a patch.
 
 use repose_geometry::Image;
 
@@ -34,11 +35,14 @@ pub fn remove(labels: &Image<u16>, depth_m: &mut Image<f32>, focal_px: f32, sett
             size += 1;
             let (u, v) = (i % width, i / width);
             let limit_m = step.at_m(depths[i]);
-            let beside =
-                [(u > 0).then(|| i - 1), (u + 1 < width).then(|| i + 1), (v > 0).then(|| i - width), (v + 1 < height).then(|| i + width)];
-            for j in beside.into_iter().flatten() {
-                // False where there is no reading.
-                if patch_of[j] == u32::MAX && ids[j] == ids[i] && (depths[j] - depths[i]).abs() <= limit_m {
+            let next = [
+                next_reading(ids, depths, i, (1..=u).map(|k| i - k)),
+                next_reading(ids, depths, i, (u + 1..width).map(|u| v * width + u)),
+                next_reading(ids, depths, i, (1..=v).map(|k| i - k * width)),
+                next_reading(ids, depths, i, (v + 1..height).map(|v| v * width + u)),
+            ];
+            for j in next.into_iter().flatten() {
+                if patch_of[j] == u32::MAX && (depths[j] - depths[i]).abs() <= limit_m {
                     patch_of[j] = patch;
                     open.push(j);
                 }
@@ -59,9 +63,32 @@ pub fn remove(labels: &Image<u16>, depth_m: &mut Image<f32>, focal_px: f32, sett
     removed
 }
 
+/// The first reading on a way through the mask of a pixel.
+fn next_reading(ids: &[u16], depths: &[f32], i: usize, mut way: impl Iterator<Item = usize>) -> Option<usize> {
+    way.find(|j| ids[*j] != ids[i] || !depths[*j].is_nan()).filter(|j| ids[*j] == ids[i])
+}
+
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt, SeedableRng};
+
     use super::*;
+
+    #[test]
+    fn a_mask_of_which_half_was_not_read_keeps_what_was_and_loses_a_strip_of_the_background() {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
+        let labels = Image::filled(120, 90, 3u16);
+        let mut of = |i: usize| match (i % 120, rng.random_range(0..2)) {
+            (_, 0) => f32::NAN,
+            (118.., _) => 1.2,
+            _ => 1.0,
+        };
+        let mut depth_m = Image::from_pixels(120, 90, (0..120 * 90).map(&mut of).collect()).unwrap();
+        let before = depth_m.clone();
+        remove(&labels, &mut depth_m, 525.0, &FlyingSettings::default());
+        let pixels = before.pixels().iter().zip(depth_m.pixels());
+        assert!(pixels.enumerate().all(|(i, (before, after))| before.is_nan() || after.is_nan() == (i % 120 >= 118)));
+    }
 
     #[test]
     fn a_strip_of_the_background_leaves_the_mask_and_a_covered_objects_ends_stay() {

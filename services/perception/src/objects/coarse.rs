@@ -2,7 +2,7 @@
 
 use repose_geometry::{Image, Isometry3, Pinhole, Point3};
 
-use crate::readings::point_map::{PointMap, transformed};
+use crate::readings::point_map::{PointMap, strided, transformed};
 use crate::readings::upward;
 use crate::settings::Settings;
 
@@ -69,6 +69,12 @@ impl CoarsePicture {
             focal_px: self.camera.fx as f32,
             camera_m: self.world_from_camera.translation.z as f32,
         }
+    }
+
+    /// Readings that were taken out of the whole picture since, `depth_m`, are of no surface: this one holds every `stride`-th of its pixels.
+    pub fn leave_out_unread(&mut self, depth_m: &Image<f32>) {
+        let left = strided(depth_m, self.stride);
+        self.faces_up.pixels_mut().iter_mut().zip(left.pixels()).for_each(|(up, z)| *up &= !z.is_nan());
     }
 
     /// The points that face up, with the label of their pixel; pixels without one are left out.

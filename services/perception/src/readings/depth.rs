@@ -11,6 +11,13 @@ use crate::readings::point_map::{MISSING, PointMap, is_reading};
 /// would turn them into infinities.
 const MAX_SLOPE: f32 = 10.0;
 
+/// Whether a count is a distance. 0 is none, and neither is the greatest one: some cameras give it where they read nothing, the others where
+/// what they read was too far away to be counted.
+#[inline]
+pub fn is_distance(count: u16) -> bool {
+    (1..u16::MAX).contains(&count)
+}
+
 /// Depth along the optical axis, NaN where there is no reading.
 #[derive(Debug, Clone)]
 pub struct DepthMap {
@@ -22,7 +29,7 @@ pub struct DepthMap {
 }
 
 impl DepthMap {
-    /// From counts of `depth_unit_m`, row by row, `camera.width * camera.height` of them. Counts of 0 and readings beyond
+    /// From counts of `depth_unit_m`, row by row, `camera.width * camera.height` of them. Counts that are no distance and readings beyond
     /// `max_depth_m` are missing.
     pub fn new(counts: &[u16], depth_unit_m: f64, camera: &Pinhole, max_depth_m: f32) -> Self {
         let unit = depth_unit_m as f32;
@@ -37,7 +44,7 @@ impl DepthMap {
             }
             for ((z, &count), x) in out.iter_mut().zip(counts).zip(&slope_x) {
                 let reading = f32::from(count) * unit;
-                *z = if count > 0 && reading <= max_depth_m && x.abs() <= MAX_SLOPE { reading } else { f32::NAN };
+                *z = if is_distance(count) && reading <= max_depth_m && x.abs() <= MAX_SLOPE { reading } else { f32::NAN };
             }
         }
         Self { depth_m, slope_x, slope_y }
@@ -134,6 +141,13 @@ mod tests {
                 assert_eq!(depth.point(i % 5, i / 5), *p);
             }
         }
+    }
+
+    #[test]
+    fn the_greatest_count_is_no_distance_however_fine_the_unit() {
+        // In a twentieth of a millimetre it would lie at 3.3 m.
+        let depth = |count: u16| DepthMap::new(&[count; 15], 5e-5, &CAMERA, 4.0).readings();
+        assert_eq!([depth(0), depth(1), depth(u16::MAX - 1), depth(u16::MAX)], [0, 15, 15, 0]);
     }
 
     #[test]

@@ -7,6 +7,7 @@
 use repose_geometry::{Image, Isometry3, Pinhole, Point3};
 use repose_proto::{Frame, UnseenSpace};
 
+use crate::readings::depth::is_distance;
 use crate::settings::UnseenSettings;
 use crate::supports::surfaces::SupportSurface;
 
@@ -22,9 +23,8 @@ pub fn sight_m(depth_m: &Image<f32>, stride: usize, frame: &Frame, max_depth_m: 
     let (width, height, unit_m) = (frame.camera.width, frame.camera.height, frame.camera.depth_unit_m as f32);
     let is_far = |u: usize, v: usize| {
         let count = frame.depth[v * width + u];
-        // Some cameras have the greatest count for none.
-        let reading_m = if count == u16::MAX { 0.0 } else { f32::from(count) * unit_m };
-        reading_m > max_depth_m && reading_m <= FARTHEST_M
+        let reading_m = f32::from(count) * unit_m;
+        is_distance(count) && reading_m > max_depth_m && reading_m <= FARTHEST_M
     };
     let columns = depth_m.width();
     let mut sight_m = depth_m.clone();

@@ -1,6 +1,6 @@
 //! What the numbers of the settings may be. Beyond that, segmentation would find nothing and blame the picture for it, or never end.
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::FRAC_PI_2;
 use std::ops::RangeInclusive;
 
 use repose_proto::CallError;
@@ -88,6 +88,7 @@ fn self_filter(s: &SelfFilterSettings) -> Vec<Checked> {
     ]
 }
 
+/// Angles beyond a right one are compared by their sines, which fall again: they would allow less, not more.
 fn gravity(s: &GravitySettings) -> Vec<Checked> {
     vec![
         ("iterations", s.iterations as f64, 1.0..=1e6),
@@ -96,8 +97,8 @@ fn gravity(s: &GravitySettings) -> Vec<Checked> {
         ("tolerance_per_m2", s.tolerance_per_m2.into(), NOT_NEGATIVE),
         ("min_share", s.min_share, SHARE),
         ("max_below_ratio", s.max_below_ratio, NOT_NEGATIVE),
-        ("max_roll_rad", s.max_roll_rad, 0.0..=PI),
-        ("max_past_vertical_rad", s.max_past_vertical_rad, 0.0..=PI),
+        ("max_roll_rad", s.max_roll_rad, 0.0..=FRAC_PI_2),
+        ("max_past_vertical_rad", s.max_past_vertical_rad, 0.0..=FRAC_PI_2),
     ]
 }
 
@@ -215,7 +216,7 @@ mod tests {
     fn what_cannot_be_meant_is_refused_by_name() {
         /// What is named, and how it is made wrong.
         type Fault = (&'static str, fn(&mut Settings));
-        let faulty: [Fault; 8] = [
+        let faulty: [Fault; 10] = [
             ("surfaces.bin_m", |s| s.surfaces.bin_m = 0.0),
             ("surfaces.tolerance_m", |s| (s.surfaces.bin_m, s.surfaces.tolerance_m) = (0.01, 0.002)),
             ("max_depth_m", |s| s.max_depth_m = -4.0),
@@ -223,6 +224,8 @@ mod tests {
             ("max_points", |s| s.max_points = 0),
             ("coarse_columns", |s| s.coarse_columns = 0),
             ("gravity.min_share", |s| s.gravity.min_share = 1.1),
+            ("gravity.max_roll_rad", |s| s.gravity.max_roll_rad = 3.1),
+            ("gravity.max_past_vertical_rad", |s| s.gravity.max_past_vertical_rad = 2.0),
             ("components.insides.step_m", |s| s.components.insides.step_m = f32::INFINITY),
         ];
         let mut thin = Settings::default();

@@ -36,12 +36,13 @@ fn encoded(pixels: &[u8], (width, height): (usize, usize), color: ColorType, qua
     Ok(bytes)
 }
 
-/// Depth as brightness, near is bright, no reading is black.
+/// Depth as brightness, near is bright, no reading is black. Some cameras have the greatest count for none.
 fn grey(depth: &[u16]) -> Vec<u8> {
-    let seen = || depth.iter().copied().filter(|d| *d > 0);
+    let is_reading = |d: &u16| (1..u16::MAX).contains(d);
+    let seen = || depth.iter().copied().filter(is_reading);
     let (near, far) = (seen().min().unwrap_or(0), seen().max().unwrap_or(0));
     let span = f32::from(far - near).max(1.0);
-    let level = |d: &u16| if *d == 0 { 0 } else { 255 - (f32::from(*d - near) / span * 200.0) as u8 };
+    let level = |d: &u16| if is_reading(d) { 255 - (f32::from(*d - near) / span * 200.0) as u8 } else { 0 };
     depth.iter().map(level).collect()
 }
 
@@ -61,7 +62,7 @@ mod tests {
         assert!(starts_as_jpeg(&frame));
         frame.color = Some(vec![[10, 200, 30]; 128]);
         assert!(starts_as_jpeg(&frame));
-        assert_eq!(grey(&[0, 500, 1000]), [0, 255, 55]);
+        assert_eq!(grey(&[0, 500, 1000, u16::MAX]), [0, 255, 55, 0]);
     }
 
     #[test]
