@@ -126,3 +126,44 @@ fn the_package_is_installed_upgraded_and_removed_and_its_units_are_good() {
     dpkg(&root, &["--purge", "repose"]);
     assert!(!config.exists(), "purged");
 }
+
+/// Stands in for systemd: says what runs, and writes down what else it is asked.
+const SYSTEMCTL: &str = r#"#!/bin/sh
+case "$1 $3" in
+    list-units*)
+        for unit in repose-router repose@planner repose-motion repose-franka repose-wall; do echo "$unit.service loaded active running Repose"; done ;;
+    "show repose@planner.service") echo 'ExecStart={ path=/bin/sh ; argv[]=/bin/sh -c exec /usr/bin/repose serve "${INSTANCE%%-*}" ; pid=7 }' ;;
+    "show repose-franka.service") echo 'ExecStart={ path=/usr/bin/repose ; argv[]=/usr/bin/repose driver franka --config franka.toml ; pid=8 }' ;;
+    "show repose-wall.service") echo 'ExecStart={ path=/usr/bin/python3 ; argv[]=/usr/bin/python3 wall.py ; pid=9 }' ;;
+    show*) echo 'ExecStart={ path=/usr/bin/repose ; argv[]=/usr/bin/repose serve motion --config motion.toml ; pid=10 }' ;;
+    *) echo "$*" >>"$ASKED" ;;
+esac
+"#;
+
+/// What a script of the package asks systemd for, and says.
+fn asked_by(folder: &Path, script: &str, arguments: &[&str]) -> (String, String) {
+    write(&folder.join("systemctl"), SYSTEMCTL, 0o755);
+    write(&folder.join("systemd-sysusers"), "#!/bin/sh\n", 0o755);
+    write(&folder.join("asked"), "", 0o644);
+    let source = crate_folder().join(metadata()["maintainer-scripts"].as_str().expect("scripts")).join(script);
+    let text = fs::read_to_string(source).expect("a script").replace("/run/systemd/system", folder.to_str().expect("a plain path"));
+    write(&folder.join(script), &text, 0o755);
+    let path = format!("{}:{}", folder.display(), std::env::var("PATH").expect("a path"));
+    let mut run = Command::new("sh");
+    run.arg(folder.join(script)).args(arguments).env("PATH", path).env("ASKED", folder.join("asked")).env_remove("DPKG_ROOT");
+    let said = String::from_utf8_lossy(&ran(&mut run).stdout).into_owned();
+    (fs::read_to_string(folder.join("asked")).expect("what was asked"), said)
+}
+
+#[test]
+fn an_upgrade_restarts_what_serves_whoever_wrote_its_unit_and_leaves_a_robots_driver() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (asked, said) = asked_by(folder.path(), "postinst", &["configure", "1.0"]);
+    assert_eq!(asked, "daemon-reload\ntry-restart repose-router.service repose@planner.service repose-motion.service\n");
+    assert!(said.contains("systemctl restart repose-franka.service") && said.lines().count() == 1, "{said}");
+    let (asked, said) = asked_by(folder.path(), "postinst", &["configure", ""]);
+    assert_eq!((asked.as_str(), said.as_str()), ("daemon-reload\n", ""), "what is installed for the first time starts nothing");
+    let (asked, _) = asked_by(folder.path(), "prerm", &["remove"]);
+    assert_eq!(asked, "stop repose-router.service repose@planner.service repose-motion.service repose-franka.service\n");
+    assert_eq!(asked_by(folder.path(), "prerm", &["upgrade", "2.0"]).0, "");
+}

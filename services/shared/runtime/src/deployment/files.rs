@@ -211,8 +211,10 @@ fn user_toml(roles: &Roles, name: &str, user: &User, installed: &Path) -> String
 }
 
 fn unit(description: &str, run: &str) -> String {
+    // Where both are stopped, workers that drain still have their router.
+    let after = if run.starts_with("router ") { "" } else { " repose-router.service" };
     format!(
-        "[Unit]\nDescription={description}\nAfter=network-online.target\nWants=network-online.target\n\
+        "[Unit]\nDescription={description}\nAfter=network-online.target{after}\nWants=network-online.target\n\
          # It is tried for ever: after a reboot names and addresses may come later than this.\nStartLimitIntervalSec=0\n\n[Service]\n\
          ExecStart=/usr/bin/repose serve {run}\nUser=repose\n# Longer than draining takes.\nTimeoutStopSec=20\nKillSignal=SIGTERM\n\
          Restart=always\nRestartSec=1\nNoNewPrivileges=yes\nProtectSystem=strict\nProtectHome=yes\nPrivateTmp=yes\n\n\
