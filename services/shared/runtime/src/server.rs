@@ -2,6 +2,7 @@
 
 mod answerer;
 mod calls;
+mod served_info;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -24,6 +25,7 @@ use crate::registry::Registry;
 use crate::robots::now_ns;
 use crate::tally::Tally;
 use crate::transport::{Guard, IncomingQueries, Subscription, Traffic, Transport};
+use served_info::ServedInfo;
 
 /// Calls that may wait to be looked at; looking takes microseconds.
 const INCOMING_CAPACITY: usize = 1024;
@@ -188,6 +190,7 @@ async fn take_cancels(shared: Arc<Shared>, mut cancels: Subscription) {
 async fn report_load(shared: Arc<Shared>) {
     let key = shared.cell.load(shared.service, &shared.worker);
     let period = Duration::from_millis(shared.config.load_period_ms);
+    let mut served = ServedInfo::new(shared.service, &shared.worker);
     for seq in 1.. {
         shared.loads_told.store(seq, Ordering::Release);
         let mut load: WorkerLoad = shared.handler.load();
@@ -208,6 +211,7 @@ async fn report_load(shared: Arc<Shared>) {
             load.service_ms = shared.gauge.service_ms();
         }
         gauges(&shared, &load);
+        served.tell(&load.weights_hash, &load.kernel);
         match Payload::json(&load) {
             Ok(payload) => {
                 if let Err(error) = shared.transport.put(&key, payload, Traffic::Load).await {
@@ -228,10 +232,4 @@ fn gauges(shared: &Shared, load: &WorkerLoad) {
     metrics::gauge!("repose_queue_waiting", &labels).set(load.queue_depth as f64);
     metrics::gauge!("repose_calls_running", &labels).set(load.in_flight as f64);
     metrics::gauge!("repose_draining", &labels).set(f64::from(u8::from(load.draining)));
-    let (weights, kernel) = (load.weights_hash.clone(), load.kernel.clone());
-    let version = env!("CARGO_PKG_VERSION");
-    metrics::gauge!(
-        "repose_worker_info", "service" => service, "worker" => worker.to_owned(), "weights" => weights, "kernel" => kernel, "version" => version
-    )
-    .set(1.0);
 }
