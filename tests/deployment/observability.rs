@@ -54,6 +54,7 @@ async fn a_process_is_ready_while_it_serves_behind_a_router_and_counts_what_it_d
     let endpoint = format!("tcp/127.0.0.1:{port}");
     let (router, at_router) = start("router", &endpoint);
     assert_eq!(page(&at_router, "/live"), (200, "live\n".to_owned()));
+    assert!(page(&at_router, "/metrics").1.contains("repose_router_refused_total{kind=\"login\"} 0"), "the first refusal is a rise");
     let (_inference, at) = start("inference", &endpoint);
     assert_eq!(page(&at, "/live").0, 200);
     becomes(&at, "/ready", 200);

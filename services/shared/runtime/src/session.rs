@@ -11,6 +11,7 @@ use crate::config::{RuntimeConfig, TelemetryConfig};
 use crate::lives::Lives;
 use crate::shares::Shares;
 use crate::target::Target;
+use crate::telemetry::REFUSED_KINDS;
 use crate::transport::{AliveWatch, Subscription, Traffic, Transport};
 use crate::zenoh_transport::ZenohTransport;
 use crate::{Handler, HealthServer, RuntimeError, Server, Shutdown};
@@ -223,6 +224,10 @@ impl Publisher {
 /// When the session cannot be opened.
 pub async fn run_router(config: RuntimeConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
     let session = Session::open(config).await?;
+    for kind in REFUSED_KINDS {
+        // Told from the start: of a count that appears with the first refusal Prometheus does not see that it has risen.
+        metrics::counter!("repose_router_refused_total", "kind" => kind).increment(0);
+    }
     let _health = HealthServer::of(&session, false).await?;
     tracing::info!(locators = ?session.locators().await, "routing");
     shutdown.requested().await;

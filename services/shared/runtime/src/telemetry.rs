@@ -89,6 +89,11 @@ const ACCEPTING: &str = "zenoh_transport::unicast::establishment::accept";
 /// Where it says whose certificate is no good.
 const QUIC: &str = "zenoh_link_commons::quic";
 
+/// What a router refuses, by the names in its log and its metrics.
+pub(crate) const REFUSED_KINDS: [&str; 2] = [LOGIN_REFUSED, MESSAGE_REFUSED];
+const LOGIN_REFUSED: &str = "login";
+const MESSAGE_REFUSED: &str = "message";
+
 /// Where Zenoh says that it refuses a message or a login: at levels that nobody reads.
 fn is_refusal(metadata: &Metadata<'_>) -> bool {
     metadata.target().starts_with("zenoh::net::routing::interceptor::access_control")
@@ -141,7 +146,7 @@ impl Refusals {
     /// A refusal in our words, if the line is one.
     fn refusal(&self, target: &str, line: &str) -> Option<(&'static str, String)> {
         if target == ACCEPTING || target.starts_with(QUIC) {
-            return refused_login(line).map(|words| ("login", words));
+            return refused_login(line).map(|words| (LOGIN_REFUSED, words));
         }
         if let Some((_, rest)) = line.split_once("caching permissions for `") {
             CACHING.set(rest.split('`').next().map(str::to_owned));
@@ -161,7 +166,7 @@ impl Refusals {
         let action = action.trim_end_matches("(ingress)").trim();
         let broad =
             if action.contains("Subscriber") && key.contains('*') { "; a subscription must lie within what is allowed" } else { "" };
-        Some(("message", format!("refused: {subject} may not {action} at {key}{broad}")))
+        Some((MESSAGE_REFUSED, format!("refused: {subject} may not {action} at {key}{broad}")))
     }
 
     /// Who a decision is about: only those that are not from the cache name the user.
