@@ -75,6 +75,17 @@ fn every_metric_that_the_board_and_the_alerts_name_exists() {
 }
 
 #[test]
+fn the_board_looks_as_often_as_prometheus_does_and_at_our_processes_alone() {
+    let text = std::fs::read_to_string(deploy().join("grafana/repose.json")).unwrap();
+    // Prometheus looks once a minute unless it is told otherwise: over one minute there is no rate then.
+    assert_eq!(text.matches("rate(").count(), text.matches("[$__rate_interval]").count());
+    // Programs of every kind tell metrics with these names.
+    for name in ["process_resident_memory_bytes", "process_open_fds"] {
+        assert_eq!(text.matches(name).count(), text.matches(&format!("{name}{{job=\\\"repose\\\"}}")).count(), "{name}");
+    }
+}
+
+#[test]
 fn every_metric_in_the_table_is_told_by_some_source_and_every_one_told_is_in_the_table() {
     let services = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut folders = vec![services];
