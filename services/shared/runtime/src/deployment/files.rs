@@ -1,6 +1,7 @@
 //! The files of a deployment: the router's configuration with access control, each user's own, certificates and units.
 //!
-//! What was made before is kept where it is a secret or a certificate: to add a user, add it to the roles file and write again.
+//! What was made before is kept where it is a secret or a certificate, and so are an operator's own settings: to add a user, add it to the roles
+//! file and write again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -32,7 +33,7 @@ pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<WrittenFi
     files.write_unless_there(&router.join("authority.pem"), &authority.certificate)?;
     let passwords = passwords(&mut files, roles, &router.join("users.txt"))?;
     files.write(&router.join("router.json5"), &router_json5(roles, &installed_at.join("router")))?;
-    files.write(&router.join("router.toml"), &router_toml(roles, &installed_at.join("router")))?;
+    files.write_settings(&router.join("router.toml"), &router_toml(roles, &installed_at.join("router")))?;
     for (name, user) in &roles.users {
         let (folder, installed) = (out.join("users").join(name), installed_at.join("users").join(name));
         if roles.login.has_certificates() {
@@ -41,7 +42,7 @@ pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<WrittenFi
         files.write_unless_there(&folder.join("authority.pem"), &authority.certificate)?;
         let session = user_json5(roles, name, passwords.get(name), &installed);
         files.write_secret(&folder.join("zenoh.json5"), &session)?;
-        files.write(&folder.join("repose.toml"), &user_toml(roles, name, user, &installed))?;
+        files.write_settings(&folder.join("repose.toml"), &user_toml(roles, name, user, &installed))?;
         if let Some(service) = user.service {
             let unit =
                 unit(&format!("Repose {service} as {name}"), &format!("{service} --config {}", installed.join("repose.toml").display()));

@@ -32,6 +32,7 @@ mod probes;
 mod report;
 mod roles;
 mod sessions;
+mod settings;
 mod writer;
 
 pub use access::Verb;

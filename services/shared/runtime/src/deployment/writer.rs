@@ -4,6 +4,8 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use super::settings;
+
 /// A file that could not be read or written.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {message}", path.display())]
@@ -52,6 +54,16 @@ impl Files {
 
     pub(super) fn write(&mut self, path: &Path, text: &str) -> Result<(), Failed> {
         self.put(path, text, 0o644)
+    }
+
+    /// A configuration: what an operator has set in it besides stays.
+    pub(super) fn write_settings(&mut self, path: &Path, ours: &str) -> Result<(), Failed> {
+        let text = match std::fs::read_to_string(path) {
+            Ok(earlier) => settings::written_again(&earlier, ours).map_err(|e| Failed::new(path, e))?,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => ours.to_owned(),
+            Err(error) => return Err(Failed::new(path, error)),
+        };
+        self.write(path, &text)
     }
 
     /// An operator's own stays.

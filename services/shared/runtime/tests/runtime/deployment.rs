@@ -51,12 +51,18 @@ async fn writing_again_keeps_passwords_and_certificates_and_adds_users() {
         ["router/users.txt", "authority/authority-key.pem", "router/router.pem", "users/arm/zenoh.json5", "users/arm/certificate.pem"];
     let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).unwrap();
     let before = secrets.map(read);
+    // The motion service reads no other file.
+    let motion = folder.path().join("users/motion/repose.toml");
+    let own = "\n[motion]\n# The door opens inwards.\nkeep_out = [{ name = \"door\", min_m = [0.2, 0.5, 0.0], max_m = [1.0, 1.5, 2.0] }]\n";
+    let with_own = std::fs::read_to_string(&motion).unwrap() + own;
+    std::fs::write(&motion, &with_own).unwrap();
     let more = roles_text("both") + "[users.newcomer]\nrole = \"viewer\"\n";
     write(&Roles::parse(&more).unwrap(), folder.path(), folder.path()).unwrap();
     let after = secrets.map(read);
     assert_eq!(before[1..], after[1..]);
     assert!(before[0].lines().all(|line| after[0].lines().any(|l| l == line)), "every earlier user keeps its password");
     assert!(after[0].contains("newcomer:"));
+    assert_eq!(std::fs::read_to_string(&motion).unwrap(), with_own, "what an arm must keep out of is not forgotten with a new user");
     #[cfg(unix)]
     for secret in ["router/users.txt", "authority/authority-key.pem", "router/router-key.pem", "users/arm/zenoh.json5", "users/arm/key.pem"]
     {
