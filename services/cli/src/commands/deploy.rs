@@ -21,7 +21,7 @@ pub struct DeployArgs {
     /// The roles file (TOML): users and their permissions. deploy/roles.toml is an example.
     #[arg(required = true, value_name = "ROLES")]
     roles: Option<PathBuf>,
-    /// The output folder. Existing passwords and certificates are kept.
+    /// The output folder. Existing passwords, certificates, and settings of your own in the configurations are kept.
     #[arg(long, required = true, value_name = "DIR")]
     out: Option<PathBuf>,
     /// The folder's path on the machines that use it. Default: DIR.
