@@ -184,6 +184,10 @@ impl User {
         let field = |what: &str| format!("users.{name}.{what}");
         // Names become file names, lines of the password file and common names of certificates.
         validate_chunk(&format!("users.{name}"), name)?;
+        if self.service.is_some() && name == "router" {
+            let taken = "the unit repose-router.service is the router's: a service needs another name";
+            return Err(CallError::invalid(format!("users.{name}"), taken));
+        }
         if self.cells.is_empty() {
             return Err(CallError::invalid(field("cells"), "which cells? Name them here, or once for all users at the top"));
         }
@@ -240,6 +244,8 @@ mod tests {
         assert_eq!(fault("cells = [\"lab\"]\n[users.a]\nrole = \"viewer\"\nrobot = \"panda\""), "users.a.robot");
         assert_eq!(fault("cells = [\"lab\"]\n[users.\"a b\"]\nrole = \"viewer\""), "users.a b");
         assert_eq!(fault("cells = [\"lab\"]\n[users]"), "users");
+        // Its unit would be overwritten by the router's.
+        assert_eq!(fault("cells = [\"lab\"]\n[users.router]\nrole = \"service\"\nservice = \"planner\""), "users.router");
         let misspelt = Roles::parse("router = \"r:1\"\ncels = [\"lab\"]\n[users.a]\nrole = \"viewer\"").expect_err("misspelt");
         assert!(misspelt.message.contains("cels"), "{misspelt}");
         for router in ["here", "tcp/router.example:7447", "quic/router.example:7447"] {
