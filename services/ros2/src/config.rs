@@ -211,6 +211,9 @@ mod tests {
         config.validate().expect("good values");
         assert_eq!((config.cameras.len(), config.robots.len()), (1, 1));
         assert_eq!(config.session, Ros2Config::default().session);
+        // Those who follow it say no other cell to the services and commands.
+        let cell = repose_runtime::RuntimeConfig::default().session.cell;
+        assert_eq!(example["session"]["cell"].as_str(), Some(cell.as_str()));
     }
 
     #[test]
