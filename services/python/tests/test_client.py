@@ -96,7 +96,8 @@ def test_a_process_that_was_forked_is_told_to_connect_anew(client, scene, wish):
         signal.alarm(60)
         told = 0
         try:
-            for ask in (lambda: client.workers("planner"), client.latest, call.progress().__next__, lambda: client.place_call(scene, **wish)):
+            asks = (lambda: client.workers("planner"), client.latest, call.progress().__next__, lambda: client.place_call(scene, **wish))
+            for ask in asks:
                 try:
                     ask()
                 except repose.FailedPrecondition as error:
