@@ -2,6 +2,9 @@
 
 import importlib.util
 import shutil
+import signal
+import subprocess
+import sys
 import threading
 import time
 from contextlib import suppress
@@ -288,6 +291,76 @@ def test_an_arm_that_moves_comes_to_rest_at_the_end_of_its_block(system, client)
     assert [s.kind for s in arm.stops] == ["driver_ended"]
     assert not arm.velocities_rad_s.any(), "it stands"
     assert limits_kept(arm.sent)
+
+
+def test_an_arm_that_moves_comes_to_rest_where_its_gripper_fails_once(system, client):
+    class Loose(Arm):
+        fails = threading.Event()
+
+        def read_gripper(self):
+            if self.fails.is_set():
+                self.fails.clear()
+                raise OSError("the gripper does not answer")
+            return super().read_gripper()
+
+    arm, raised = Loose("loose", READY_RAD + np.array([1.2, 0, 0, 0, 0, 0, 0])), []
+
+    def run():
+        with driver.connect(system.endpoint) as cell:
+            try:
+                cell.run(arm)
+            except OSError as error:
+                raised.append(error)
+
+    def home():
+        with suppress(repose.ReposeError):
+            client.recover("home", robot="loose")
+
+    running, homing = threading.Thread(target=run), threading.Thread(target=home)
+    running.start()
+    client.robot_state("loose")
+    homing.start()
+    give_up = time.monotonic() + 30
+    while not arm.velocities_rad_s.any():
+        assert time.monotonic() < give_up
+        time.sleep(0.01)
+    arm.fails.set()
+    running.join()
+    homing.join()
+    assert str(raised[0]) == "the gripper does not answer"
+    assert [s.kind for s in arm.stops] == ["driver_ended"]
+    assert not arm.velocities_rad_s.any(), "it stands"
+    assert limits_kept(arm.sent)
+
+
+SERVICE = """
+import sys
+from repose import driver
+from test_driver import READY_RAD, Arm
+
+arm = Arm("service", READY_RAD + [1.2, 0, 0, 0, 0, 0, 0])
+driver.run(arm, endpoint=sys.argv[1])
+print(arm.velocities_rad_s.any(), *[s.kind for s in arm.stops])
+"""
+
+
+def test_an_arm_that_moves_comes_to_rest_when_its_driver_is_ended_as_a_service_is(system, client):
+    def home():
+        with suppress(repose.ReposeError):
+            client.recover("home", robot="service")
+
+    command = [sys.executable, "-c", SERVICE, system.endpoint]
+    with subprocess.Popen(command, cwd=Path(__file__).parent, stdout=subprocess.PIPE, text=True) as service:
+        start = client.robot_state("service", timeout_s=30).joints_rad
+        homing = threading.Thread(target=home)
+        homing.start()
+        give_up = time.monotonic() + 30
+        while np.abs(client.robot_state("service").joints_rad - start).max() < 0.05:
+            assert time.monotonic() < give_up
+        service.send_signal(signal.SIGTERM)
+        said, _ = service.communicate(timeout=30)
+        homing.join()
+    assert (said.split(), service.returncode) == (["False", "driver_ended"], 0)
 
 
 def test_pick_and_place_with_a_camera_and_an_arm_of_ones_own(client, running, view, frame_folder, tmp_path):

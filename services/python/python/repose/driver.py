@@ -21,10 +21,12 @@ The arm is a Franka Panda, or one that is driven like it: seven joints under its
 from __future__ import annotations
 
 import logging
+import signal
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from types import TracebackType
@@ -206,7 +208,8 @@ class RobotDriver:
     def run(self, until: threading.Event | None = None, *, period_s: float = STEP_S) -> None:
         """Step in real time until the event is set, or for ever.
 
-        An arm that moves when it ends comes to rest first, and is stopped (``driver_ended``).
+        An arm that moves when it ends comes to rest first, and is stopped (``driver_ended``): where its device has failed, as far as that
+        still lets it.
         """
         due = time.monotonic()
         try:
@@ -215,8 +218,8 @@ class RobotDriver:
                 # From now where a step took longer than its period: what is lost is lost, and not made up for in a burst.
                 due = max(due + period_s, time.monotonic())
                 time.sleep(max(due - time.monotonic(), 0.0))
-        except KeyboardInterrupt:
-            self.end(period_s=period_s)
+        except BaseException:
+            self._end_at_error(period_s)
             raise
         self.end(period_s=period_s)
 
@@ -239,14 +242,19 @@ class RobotDriver:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         try:
-            self.end()
-        except Exception as at_end:
-            # A device that fails in the block fails here again: it is the block's error that says why.
             if error is None:
-                raise
-            _log.warning("%s was not brought to rest: %s", self.robot.name, at_end)
+                self.end()
+            else:
+                self._end_at_error(STEP_S)
         finally:
             self.close()
+
+    def _end_at_error(self, period_s: float) -> None:
+        # A device that has failed may fail here again: it is the first error that says why.
+        try:
+            self.end(period_s=period_s)
+        except Exception as at_end:
+            _log.warning("%s was not brought to rest: %s", self.robot.name, at_end)
 
     def _read(self) -> list[float]:
         return joint_positions(self.robot.read_joints(), "read_joints")
@@ -356,8 +364,8 @@ def run(
     cell: str | None = None,
     config: str | PathLike[str] | None = None,
 ) -> None:
-    """Connect robots and cameras to a running system, and run them until Ctrl-C."""
-    with connect(endpoint, cell=cell, config=config) as connected:
+    """Connect robots and cameras to a running system, and run them until Ctrl-C, or SIGTERM where the program does nothing else with it."""
+    with _sigterm_as_ctrl_c(), connect(endpoint, cell=cell, config=config) as connected:
         try:
             connected.run(*devices)
         except KeyboardInterrupt:
@@ -365,3 +373,16 @@ def run(
         except ReposeError as error:
             _log.error("%s", error)
             raise
+
+
+@contextmanager
+def _sigterm_as_ctrl_c() -> Iterator[None]:
+    # Services are ended by SIGTERM, which Python leaves to the system: the process would be gone with an arm on its way.
+    is_free = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if is_free:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        if is_free:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
