@@ -12,7 +12,8 @@ from foreign_world import camera, grasps, objects, scenes
 from foreign_world.control import READY_RAD, ArmControl
 from foreign_world.world import STEP_S, World
 
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "scripts"))
+ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
+sys.path.insert(0, os.path.join(ROOT, "scripts"))
 import graspnet  # noqa: E402
 
 
@@ -251,6 +252,13 @@ def test_grasps_from_elsewhere_are_those_of_the_hand_and_of_the_fingers_whatever
     turned[:3, 3] = first[:3, 3] - (0.02 - graspnet.TCP_TO_TIP_M) * first[:3, 2]
     told = {"frame": "world", "convention": "graspnet", "grasps": [{"pose": turned.tolist(), "score": 1, "depth_m": 0.02}]}
     assert np.allclose(np.reshape(graspnet.converted(told)[0]["world_from_tcp"], (4, 4)), first, atol=1e-9)
+
+
+def test_the_example_in_the_readme_is_taken():
+    with open(os.path.join(ROOT, "services", "motion", "README.md"), encoding="utf-8") as file:
+        examples = [json.loads(block.split("```")[0]) for block in file.read().split("```json")[1:]]
+    document = next(example for example in examples if isinstance(example, dict))
+    assert len(graspnet.converted(document, np.eye(4))) == 1
 
 
 def test_bad_grasps_are_refused_by_the_name_of_their_field():
