@@ -78,6 +78,7 @@ mod line;
 mod lives;
 pub mod mailbox;
 mod namesakes;
+mod open_files;
 mod opening;
 mod outage;
 mod queue;

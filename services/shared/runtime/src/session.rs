@@ -14,7 +14,7 @@ use crate::target::Target;
 use crate::telemetry::REFUSED_KINDS;
 use crate::transport::{AliveWatch, Subscription, Traffic, Transport};
 use crate::zenoh_transport::ZenohTransport;
-use crate::{Handler, HealthServer, RuntimeError, Server, Shutdown};
+use crate::{Handler, HealthServer, RuntimeError, Server, Shutdown, open_files};
 
 /// A connection to a cell.
 #[derive(Clone)]
@@ -223,6 +223,7 @@ impl Publisher {
 /// # Errors
 /// When the session cannot be opened.
 pub async fn run_router(config: RuntimeConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
+    open_files::allow_most();
     let session = Session::open(config).await?;
     for kind in REFUSED_KINDS {
         // Told from the start: of a count that appears with the first refusal Prometheus does not see that it has risen.
