@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::decompose::ConvexPart;
 
 /// Goes up when the same bytes and settings would give another object.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// What is worth keeping of an object: its surface and its parts, metres, z up, origin at the centre of the surface's box.
 #[derive(Debug, Clone, PartialEq)]
