@@ -137,6 +137,16 @@ fn whatever_is_wrong_names_the_file_and_the_fault() {
 }
 
 #[test]
+fn ready_parts_without_a_volume_are_no_body() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), "brick/mesh.obj", obj(&box_mesh()));
+    let line = TriMesh { vertices: [0.0, 0.1, 0.2].map(|x| Point3::new(x, 0.0, 0.0)).to_vec(), triangles: vec![[0, 1, 2]] };
+    let parts = write(folder.path(), "brick/convex_parts.stl", stl(&line));
+    let error = MeshLibrary::load(folder.path(), &MeshSettings::default()).expect_err("feet alone");
+    assert!(matches!(error.problem, MeshProblem::NoParts) && error.path == parts, "{error}");
+}
+
+#[test]
 fn the_cache_gives_the_same_object_and_damage_is_mended() {
     let folder = tempfile::tempdir().expect("a folder");
     let cup = Family::Cup.sample(1.0, &mut Pcg64::seed_from_u64(1));

@@ -167,13 +167,14 @@ impl<'a> Source<'a> {
             None => decomposed(&mesh, &settings.decomposition),
         };
         let volume_m3 = signed_volume(&mesh);
+        // Before the feet: they alone are no body.
+        if parts.is_empty() {
+            return Err(MeshProblem::NoParts.at(self.parts.as_ref().map_or(self.path, |(path, ..)| path.as_path())));
+        }
         let mut mesh = simplified(&mesh, settings.drawn_triangles, settings.tolerance_m);
         parts.extend(feet(&mesh, &parts));
         for p in mesh.vertices.iter_mut().chain(parts.iter_mut().flatten()) {
             *p -= center;
-        }
-        if parts.is_empty() {
-            return Err(MeshProblem::NoParts.at(self.path));
         }
         Ok(Geometry { mesh, parts, volume_m3, open_edges: clean.open_edges })
     }
