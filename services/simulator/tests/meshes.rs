@@ -147,6 +147,20 @@ fn ready_parts_without_a_volume_are_no_body() {
 }
 
 #[test]
+fn ready_parts_are_those_of_the_only_mesh_beside_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), "brick.obj", obj(&box_mesh()));
+    let parts = write(folder.path(), "convex_parts.stl", stl(&box_mesh()));
+    let load = |settings: &MeshSettings| MeshLibrary::load(folder.path(), settings);
+    assert!(load(&MeshSettings::default()).is_ok());
+    write(folder.path(), "tile.obj", obj(&cuboid_mesh(Vector3::new(0.06, 0.06, 0.01))));
+    let error = load(&MeshSettings::default()).expect_err("whose parts are they?");
+    assert!(matches!(error.problem, MeshProblem::PartsOfSeveral) && error.path == parts, "{error}");
+    let decomposition = DecompositionSettings { ready_parts: false, ..DecompositionSettings::default() };
+    assert!(load(&MeshSettings { decomposition, ..MeshSettings::default() }).is_ok(), "where none are asked for");
+}
+
+#[test]
 fn the_cache_gives_the_same_object_and_damage_is_mended() {
     let folder = tempfile::tempdir().expect("a folder");
     let cup = Family::Cup.sample(1.0, &mut Pcg64::seed_from_u64(1));

@@ -1,7 +1,7 @@
 //! A folder of the user's meshes as objects.
 //!
 //! Every `.obj`, `.stl` and `.ply` below the folder is one object, except files called `convex_parts`, which are the ready parts of the
-//! mesh beside them. An object is called by its sidecar, else by its folder where it is the only mesh there, else by its file. Folders
+//! one mesh beside them. An object is called by its sidecar, else by its folder where it is the only mesh there, else by its file. Folders
 //! and files whose names begin with a dot are passed over. Anything wrong with any file is an error: nothing is skipped in silence.
 //!
 //! The YCB objects of `data/ycb` load as they are (masses from their `model.urdf`, parts from their `convex_parts.stl`). They are for
@@ -84,6 +84,9 @@ impl MeshLibrary {
             let alone = paths.iter().filter(|p| p.parent() == path.parent()).count() == 1;
             let name = name_of(path, alone && path.parent() != Some(folder));
             let source = Source::read(path, settings)?;
+            if let (false, Some((parts, ..))) = (alone, &source.parts) {
+                return Err(MeshProblem::PartsOfSeveral.at(parts));
+            }
             digest.update(name.as_bytes()).update(source.key.as_bytes()).update(format!("{:?}", source.sidecar).as_bytes());
             let geometry = source.geometry(settings, &cache)?;
             shapes.push(Arc::new(source.shape(&name, geometry, settings)));

@@ -70,8 +70,8 @@ impl Default for MeshSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DecompositionSettings {
-    /// Whether the solids of a `convex_parts.stl` (or `.obj`, `.ply`) beside a mesh are taken as its parts. Default true: whoever made
-    /// them looked at them; false decomposes again.
+    /// Whether the solids of a `convex_parts.stl` (or `.obj`, `.ply`) beside a mesh are taken as its parts; it must be the only mesh of its
+    /// folder. Default true: whoever made them looked at them; false decomposes again.
     pub ready_parts: bool,
     /// Voxels along the longest edge. Default 128; more follows thin walls closer and takes its third power in time.
     pub resolution: u32,
