@@ -196,6 +196,7 @@ impl<'a> Source<'a> {
             half_extents_m: half_extents.cast(),
             mass_kg: self.sidecar.mass_kg.unwrap_or_else(|| Mass::Solid.of(density_kg_m3, geometry.volume_m3, 0.0)),
             friction: self.sidecar.friction.unwrap_or(settings.friction),
+            is_friction_known: self.sidecar.friction.is_some(),
             top: heights.top(),
             opening: heights.opening(),
             mesh: geometry.mesh,

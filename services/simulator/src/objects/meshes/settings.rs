@@ -36,7 +36,7 @@ pub struct MeshSettings {
     pub up: UpAxis,
     /// Mass per enclosed volume where no sidecar gives a mass, kg/m³. Default 400, about that of filled packaging.
     pub density_kg_m3: f32,
-    /// Coulomb friction coefficient where no sidecar gives one. Default 0.5.
+    /// Coulomb friction coefficient where no sidecar gives one. Default 0.5. Scenes draw their own there.
     pub friction: f32,
     /// Most triangles that a file may have. Default 1,000,000; more is refused, not thinned.
     pub max_triangles: usize,
