@@ -4,11 +4,12 @@ import json
 import math
 import os
 import sys
+import time
 
 import numpy as np
 import pytest
 
-from foreign_world import camera, grasps, objects, scenes
+from foreign_world import camera, grasps, objects, scenes, trial
 from foreign_world.control import READY_RAD, ArmControl
 from foreign_world.world import STEP_S, World
 
@@ -115,6 +116,19 @@ def test_a_second_stop_is_not_cleared_with_the_first():
         assert arm.command(command(1, clear_stop=True, clears=first), 0, 0) == "another stop is latched"
     assert arm.command(command(1, clear_stop=True, clears=arm.stop), 0, 0) is None
     assert arm.mode == "idle"
+
+
+def test_a_program_that_prints_much_is_not_held_up_and_none_outlives_its_trial():
+    much = "import sys; print('x' * 300_000); print('y' * 300_000, file=sys.stderr)"
+    with trial.Asked([sys.executable, "-c", much]) as program:
+        give_up = time.monotonic() + 60
+        while not program.ended():
+            assert time.monotonic() < give_up, "it waits for somebody to read"
+            time.sleep(0.01)
+        assert [len(text) for text in program.printed()] == [300_001, 300_001]
+    with trial.Asked([sys.executable, "-c", "import time; time.sleep(600)"]) as program:
+        assert not program.ended()
+    assert program.ended()
 
 
 @pytest.fixture
