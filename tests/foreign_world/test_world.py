@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from foreign_world import camera, grasps, objects, scenes, trial
+from foreign_world import camera, deployment, grasps, objects, scenes, trial
 from foreign_world.control import READY_RAD, ArmControl
 from foreign_world.world import STEP_S, World
 
@@ -129,6 +129,23 @@ def test_a_program_that_prints_much_is_not_held_up_and_none_outlives_its_trial()
     with trial.Asked([sys.executable, "-c", "import time; time.sleep(600)"]) as program:
         assert not program.ended()
     assert program.ended()
+
+
+def test_a_deployment_that_does_not_come_about_leaves_no_process(tmp_path, monkeypatch):
+    monkeypatch.setattr(deployment, "LISTENS_WITHIN_S", 2.0)
+    program, pid = tmp_path / "program", tmp_path / "pid"
+
+    def started(does):
+        program.write_text(f"#!/bin/sh\necho $$ > {pid}\n{does}\n", encoding="utf-8")
+        program.chmod(0o755)
+        return deployment.Deployment(str(program), str(tmp_path))
+
+    with pytest.raises(TimeoutError, match="does not listen"):
+        started("exec sleep 600")
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text(encoding="utf-8")), 0)
+    with pytest.raises(RuntimeError, match=r"router \(3\)"):
+        started("exit 3")
 
 
 @pytest.fixture
