@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from foreign_world import camera, deployment, grasps, objects, scenes, trial
+from foreign_world.cell import Cell
 from foreign_world.control import READY_RAD, ArmControl
 from foreign_world.world import STEP_S, World
 
@@ -146,6 +147,17 @@ def test_a_deployment_that_does_not_come_about_leaves_no_process(tmp_path, monke
         os.kill(int(pid.read_text(encoding="utf-8")), 0)
     with pytest.raises(RuntimeError, match=r"router \(3\)"):
         started("exit 3")
+
+
+def test_a_world_that_cannot_keep_up_with_its_clock_listens_after_a_few_steps(monkeypatch):
+    taken = []
+    monkeypatch.setattr(Cell, "_step", lambda _, now: taken.append(now))
+    cell = Cell.__new__(Cell)
+    # Some thirty million steps are due.
+    cell.time_scale, cell.behind_s, cell.stepped_to = 1e6, 0.0, time.monotonic() - 1.0
+    cell._catch_up(time.monotonic())
+    assert 1 <= len(taken) < 1_000_000
+    assert cell.behind_s > 0.9
 
 
 @pytest.fixture
