@@ -119,6 +119,15 @@ def test_a_second_stop_is_not_cleared_with_the_first():
     assert arm.mode == "idle"
 
 
+def test_a_new_robot_is_stopped_for_reasons_of_its_own():
+    arm = ArmControl()
+    arm.emergency_stop(b'{"id": "a", "source": "a", "reason": "the last trial"}')
+    arm.forget()
+    assert (arm.mode, arm.task) == ("idle", None)
+    arm.emergency_stop(b'{"id": "b", "source": "b", "reason": "now"}')
+    assert arm.stop["reason"] == "b: now"
+
+
 def test_a_program_that_prints_much_is_not_held_up_and_none_outlives_its_trial():
     much = "import sys; print('x' * 300_000); print('y' * 300_000, file=sys.stderr)"
     with trial.Asked([sys.executable, "-c", much]) as program:
