@@ -24,7 +24,9 @@ PICTURED = ("approach", "grasp", "lift", "transfer", "lower", "release")
 
 
 class Asked:
-    """A program that runs beside the world, and ends with the trial. It prints into files: a pipe that nobody reads in time would hold it up."""
+    """A program that runs beside the world, and ends with the trial.
+
+    It prints into files: a pipe that nobody reads in time would hold it up."""
 
     def __init__(self, command):
         self.files = [tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") for _ in range(2)]
