@@ -100,7 +100,7 @@ def trials(args, world, run, shapes, say):
         floor += bool(result["on_floor"])
         say({"seed": seed, "kind": args.kind, **result})
         # The next trial has a new robot; what the last one left latched or open is forgotten with it.
-        world.control.stop = world.control.task = None
+        world.control.forget()
     return {"trials": done, "good": good, "interval": interval(good, done), "causes": causes, "on_floor": floor, "excluded": excluded}
 
 

@@ -80,7 +80,10 @@ class Views:
                 self.pending.append(self.pool.submit(read_shard, str(path)))
         for future in [f for f in self.pending if wait or f.done()]:
             self.pending.remove(future)
-            inverse, labels, cameras = future.result()
+            try:
+                inverse, labels, cameras = future.result()
+            except FileNotFoundError:
+                continue  # a longer run of the generator has put another in its place
             n = min(len(inverse), len(self.inverse) - self.count)
             at = slice(self.count, self.count + n)
             self.inverse[at].copy_(torch.from_numpy(inverse[:n].view(np.int16)))
@@ -407,8 +410,11 @@ def train(args: argparse.Namespace) -> None:
         if step % (args.tell * 5) == 0:
             validate(averaged, validation, args)
     validate(averaged, validation, args)
+    # Beside its place first: a run that is killed here leaves the checkpoint that it began with.
+    unfinished = args.checkpoint.with_name(args.checkpoint.name + ".tmp")
     torch.save({"network": network.state_dict(), "optimiser": optimiser.state_dict(), "averaged": averaged, "step": step, "spent": spent,
-                "views": views.count}, args.checkpoint)
+                "views": views.count}, unfinished)
+    unfinished.replace(args.checkpoint)
     views.pool.shutdown(cancel_futures=True)
     validation.pool.shutdown(cancel_futures=True)
 

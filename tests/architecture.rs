@@ -89,10 +89,19 @@ fn sources(dir: &Path) -> Vec<(PathBuf, String)> {
     found
 }
 
-/// The code lines of a source, with comments and test modules at the end of the file left out.
+/// The code lines of a source without comments, and without what only tests are built with, wherever in the file it is: as rustfmt writes it, an
+/// item ends in the column in which it begins.
 fn code(text: &str) -> String {
-    let body = text.split("#[cfg(test)]").next().unwrap_or(text);
-    body.lines().filter(|l| !l.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
+    let (mut kept, mut lines) = (Vec::new(), text.lines().filter(|l| !l.trim_start().starts_with("//")));
+    while let Some(line) = lines.next() {
+        let Some(indent) = line.strip_suffix("#[cfg(test)]") else {
+            kept.push(line);
+            continue;
+        };
+        let in_column = |l: &str| l.strip_prefix(indent).is_some_and(|l| !l.starts_with([' ', '#']));
+        let _end = lines.find(|l| in_column(l) && (l.trim_start().starts_with('}') || l.ends_with([';', '}', ','])));
+    }
+    kept.join("\n")
 }
 
 #[test]
@@ -441,6 +450,8 @@ fn imports_are_read_as_the_compiler_reads_them() {
     let expected = ["judge", "judge::Judge", "judge::cost::Cost", "judge::cost::total", "search::ranking::of::A", "search::settings::most"];
     assert_eq!(named, expected);
     assert_eq!(module_of(Path::new("src/search/mod.rs"), Path::new("src")), ["search"]);
+    let for_tests = "#[cfg(test)]\n#[path = \"b.rs\"]\nmod b;\nuse c::D;\n#[cfg(test)]\nmod e {\n    fn f() {}\n}\nfn g() {}";
+    assert_eq!(code(for_tests), "use c::D;\nfn g() {}");
 }
 
 /// The files that git tracks; none, which is said, where this is no checkout.

@@ -19,6 +19,8 @@ STATE_PERIOD_S = 0.02
 FRAME_PERIOD_S = 0.7
 # Real time that is made up for when the thread was held up; more is lost to robot time.
 CATCH_UP_S = 0.06
+# Longest that the world is stepped between two looks at what came in.
+LISTENS_AFTER_S = 0.01
 # A world in which nothing has moved for so long, and nobody has a task, is not stepped.
 IDLE_S = 0.5
 
@@ -106,15 +108,9 @@ class Cell:
         """Steps the world in real time (times the scale) until `until()` says so; it is asked every few milliseconds."""
         while not until():
             now = time.monotonic()
-            self._take(now)
-            late = now - self.stepped_to - CATCH_UP_S
-            if late > 0:
-                self.stepped_to += late
-                self.behind_s += late
             before = self.world.control.mode
-            while self.stepped_to + STEP_S / self.time_scale <= now:
-                self.stepped_to += STEP_S / self.time_scale
-                self._step(now)
+            self._take(now)
+            self._catch_up(now)
             if now >= self.next_state or self.world.control.mode != before:
                 self.next_state = now + STATE_PERIOD_S
                 self.seq += 1
@@ -123,6 +119,17 @@ class Cell:
                 self.next_frame = now + FRAME_PERIOD_S
                 self._put_frame()
             time.sleep(0.001)
+
+    def _catch_up(self, now):
+        """Steps the world up to now, for some milliseconds at most: one that cannot keep up hears of stops and commands all the same."""
+        late = now - self.stepped_to - CATCH_UP_S
+        if late > 0:
+            self.stepped_to += late
+            self.behind_s += late
+        began = time.monotonic()
+        while self.stepped_to + STEP_S / self.time_scale <= now and time.monotonic() - began < LISTENS_AFTER_S:
+            self.stepped_to += STEP_S / self.time_scale
+            self._step(now)
 
     def _step(self, now):
         control = self.world.control

@@ -92,6 +92,10 @@ class ArmControl:
         self.grips = False
         self.events = []
 
+    def forget(self):
+        """What latched, and the task that was open, as of a controller that is started anew."""
+        self.stop, self.task, self.estops = None, None, []
+
     @property
     def mode(self):
         return "stopped" if self.stop else "moving" if self.stream else "idle"
@@ -143,7 +147,7 @@ class ArmControl:
             return "still moving"
         self.owner, self.last_command, self.expires_s = owner, command["seq"], expires_s
         if clears and self.at_rest():
-            self.stop, self.task, self.estops = None, None, []
+            self.forget()
         if not self.stop:
             self._act(command, said)
         return None

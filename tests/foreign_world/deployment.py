@@ -7,6 +7,8 @@ import subprocess
 import time
 
 SERVICES = ("perception", "inference", "planner", "motion")
+# How long the router may take to listen.
+LISTENS_WITHIN_S = 30.0
 
 
 class Deployment:
@@ -17,12 +19,17 @@ class Deployment:
             free.bind(("127.0.0.1", 0))
             self.connect = f"tcp/127.0.0.1:{free.getsockname()[1]}"
         self.program, self.cell, self.config, self.processes = program, cell, config, []
-        for what in ("router", *SERVICES):
-            with open(os.path.join(folder, f"{what}.log"), "w", encoding="utf-8") as log:
-                command = [program, "serve", what, *self._system()]
-                self.processes.append(subprocess.Popen(command, stdout=log, stderr=log))
-            if what == "router":
-                self._wait_for_the_router()
+        try:
+            for what in ("router", *SERVICES):
+                with open(os.path.join(folder, f"{what}.log"), "w", encoding="utf-8") as log:
+                    command = [program, "serve", what, *self._system()]
+                    self.processes.append(subprocess.Popen(command, stdout=log, stderr=log))
+                if what == "router":
+                    self._wait_for_the_router()
+        except BaseException:
+            # Nobody has this to close.
+            self.close()
+            raise
 
     def _system(self):
         system = ["--connect", self.connect, "--cell", self.cell]
@@ -30,10 +37,13 @@ class Deployment:
 
     def _wait_for_the_router(self):
         host, port = self.connect.removeprefix("tcp/").split(":")
-        for _ in range(300):
+        give_up = time.monotonic() + LISTENS_WITHIN_S
+        while time.monotonic() < give_up:
             with socket.socket() as trial:
                 if trial.connect_ex((host, int(port))) == 0:
                     return
+            if ended := self.ended():
+                raise RuntimeError(f"ended before it listened at {self.connect}: {', '.join(ended)}")
             time.sleep(0.1)
         raise TimeoutError(f"the router does not listen at {self.connect}")
 

@@ -4,11 +4,13 @@ import json
 import math
 import os
 import sys
+import time
 
 import numpy as np
 import pytest
 
-from foreign_world import camera, grasps, objects, scenes
+from foreign_world import camera, deployment, grasps, objects, scenes, trial
+from foreign_world.cell import Cell
 from foreign_world.control import READY_RAD, ArmControl
 from foreign_world.world import STEP_S, World
 
@@ -116,6 +118,56 @@ def test_a_second_stop_is_not_cleared_with_the_first():
         assert arm.command(command(1, clear_stop=True, clears=first), 0, 0) == "another stop is latched"
     assert arm.command(command(1, clear_stop=True, clears=arm.stop), 0, 0) is None
     assert arm.mode == "idle"
+
+
+def test_a_new_robot_is_stopped_for_reasons_of_its_own():
+    arm = ArmControl()
+    arm.emergency_stop(b'{"id": "a", "source": "a", "reason": "the last trial"}')
+    arm.forget()
+    assert (arm.mode, arm.task) == ("idle", None)
+    arm.emergency_stop(b'{"id": "b", "source": "b", "reason": "now"}')
+    assert arm.stop["reason"] == "b: now"
+
+
+def test_a_program_that_prints_much_is_not_held_up_and_none_outlives_its_trial():
+    much = "import sys; print('x' * 300_000); print('y' * 300_000, file=sys.stderr)"
+    with trial.Asked([sys.executable, "-c", much]) as program:
+        give_up = time.monotonic() + 60
+        while not program.ended():
+            assert time.monotonic() < give_up, "it waits for somebody to read"
+            time.sleep(0.01)
+        assert [len(text) for text in program.printed()] == [300_001, 300_001]
+    with trial.Asked([sys.executable, "-c", "import time; time.sleep(600)"]) as program:
+        assert not program.ended()
+    assert program.ended()
+
+
+def test_a_deployment_that_does_not_come_about_leaves_no_process(tmp_path, monkeypatch):
+    monkeypatch.setattr(deployment, "LISTENS_WITHIN_S", 2.0)
+    program, pid = tmp_path / "program", tmp_path / "pid"
+
+    def started(does):
+        program.write_text(f"#!/bin/sh\necho $$ > {pid}\n{does}\n", encoding="utf-8")
+        program.chmod(0o755)
+        return deployment.Deployment(str(program), str(tmp_path))
+
+    with pytest.raises(TimeoutError, match="does not listen"):
+        started("exec sleep 600")
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text(encoding="utf-8")), 0)
+    with pytest.raises(RuntimeError, match=r"router \(3\)"):
+        started("exit 3")
+
+
+def test_a_world_that_cannot_keep_up_with_its_clock_listens_after_a_few_steps(monkeypatch):
+    taken = []
+    monkeypatch.setattr(Cell, "_step", lambda _, now: taken.append(now))
+    cell = Cell.__new__(Cell)
+    # Some thirty million steps are due.
+    cell.time_scale, cell.behind_s, cell.stepped_to = 1e6, 0.0, time.monotonic() - 1.0
+    cell._catch_up(time.monotonic())
+    assert 1 <= len(taken) < 1_000_000
+    assert cell.behind_s > 0.9
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import subprocess
+import tempfile
 import time
 
 import numpy as np
@@ -20,6 +21,35 @@ LONGEST_S, REST_S = 240.0, 4.0
 # Half the width of a finger pad.
 PAD_HALF_M = 0.0105
 PICTURED = ("approach", "grasp", "lift", "transfer", "lower", "release")
+
+
+class Asked:
+    """A program that runs beside the world, and ends with the trial.
+
+    It prints into files: a pipe that nobody reads in time would hold it up."""
+
+    def __init__(self, command):
+        self.files = [tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") for _ in range(2)]
+        self.process = subprocess.Popen(command, stdout=self.files[0], stderr=self.files[1])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if not self.ended():
+            self.process.kill()
+        self.process.wait()
+        for file in self.files:
+            file.close()
+
+    def ended(self):
+        return self.process.poll() is not None
+
+    def printed(self):
+        """What it has printed, and its log."""
+        for file in self.files:
+            file.seek(0)
+        return [file.read() for file in self.files]
 
 
 class Watched:
@@ -83,22 +113,22 @@ def run(cell, problem, command, seed, pictures=None):
     asked = [*command, *wish(problem, seed), "--execute", "--json"]
     watched = Watched(world, problem.query, pictures)
     began, robot_began_s, behind_s = time.monotonic(), world.robot_s, cell.behind_s
-    process = subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with Asked(asked) as program:
 
-    def over():
-        watched.look()
-        if time.monotonic() - began > LONGEST_S and process.poll() is None:
-            process.terminate()
-        return process.poll() is not None
+        def over():
+            watched.look()
+            if time.monotonic() - began > LONGEST_S and not program.ended():
+                program.process.terminate()
+            return program.ended()
 
-    cell.run(over)
-    out, log = process.communicate()
+        cell.run(over)
+        out, log = program.printed()
     rest_until_s = world.robot_s + REST_S
     cell.run(lambda: world.robot_s >= rest_until_s or (world.at_rest() and world.robot_s > rest_until_s - REST_S + 0.5))
     document = {}
     with contextlib.suppress(ValueError):
         document = json.loads(out)
-    result = reported(watched, problem, seed, (document, log, process.returncode), pictures)
+    result = reported(watched, problem, seed, (document, log, program.process.returncode), pictures)
     result |= {
         "robot_s": round(world.robot_s - robot_began_s, 1),
         "wall_s": round(time.monotonic() - began, 1),

@@ -51,7 +51,13 @@ class Programs:
     def end(self, name, how=signal.SIGTERM):
         process = self.running.pop(name)
         process.send_signal(how)
-        return process.wait(20)
+        try:
+            return process.wait(20)
+        except subprocess.TimeoutExpired:
+            # It is in no list any more: nobody else would end it.
+            process.kill()
+            process.wait()
+            raise
 
     def path(self, name):
         return os.path.join(self.folder, f"{name}.log")

@@ -53,7 +53,13 @@ class Programs:
     def end(self, name, how=signal.SIGTERM):
         process = self.running.pop(name)
         process.send_signal(how)
-        process.wait(20)
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            # It is in no list any more: nobody else would end it.
+            process.kill()
+            process.wait()
+            raise
 
     def log_path(self, name):
         return os.path.join(self.folder, f"{name}.log")

@@ -19,6 +19,15 @@ impl LostMessages {
         }
     }
 
+    /// One of a kind is there after all.
+    pub fn found(&self, kind: &'static str) {
+        let mut counts = self.counts();
+        if let Some(count) = counts.get_mut(kind) {
+            *count = count.saturating_sub(1);
+        }
+        counts.retain(|_, count| *count > 0);
+    }
+
     /// The counts by kind; kinds of which nothing was lost are not there.
     pub fn by_kind(&self) -> BTreeMap<&'static str, u64> {
         self.counts().clone()

@@ -76,7 +76,7 @@ pub async fn record(
         frame_due: BTreeMap::new(),
         picture_due: BTreeMap::new(),
         scene_due: BTreeMap::new(),
-        asked_for: Arc::default(),
+        asked_for: Arc::new(Mutex::new(AskedFor::counting(lost.clone()))),
         turns,
     };
     let mut recorder = Some(session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?);
@@ -207,26 +207,52 @@ struct Capture {
     turns: Arc<AtomicUsize>,
 }
 
-/// Ids of scenes that are remembered as fetched; then all are forgotten and may be fetched again.
+/// Ids of scenes that are remembered as fetched, and as lost; then all are forgotten and may be fetched again.
 const REMEMBERED: usize = 4096;
 
-/// Scenes that were fetched already, or are being fetched, with the file that was open then.
+/// What is known of the scenes that are asked for.
 #[derive(Default)]
-struct AskedFor(BTreeMap<String, usize>);
+struct AskedFor {
+    /// Scenes that were fetched already, or are being fetched, with the file that was open then.
+    files: BTreeMap<String, usize>,
+    /// Scenes that could not be fetched, and are counted as lost.
+    missing: BTreeSet<String>,
+    lost: LostMessages,
+}
 
 impl AskedFor {
-    /// Takes note that somebody asks about a scene while a file is open; which file was, where somebody has before.
-    fn again(&mut self, scene_id: &str, file: usize) -> Option<usize> {
-        if self.0.len() >= REMEMBERED {
-            self.0.clear();
-        }
-        self.0.insert(scene_id.to_owned(), file)
+    /// Nothing yet; scenes that do not come are counted in `lost`.
+    fn counting(lost: LostMessages) -> Self {
+        Self { lost, ..Self::default() }
     }
 
-    /// Takes note that a scene could not be fetched: it is tried again when it is asked about next. One that nobody has stays noted.
+    /// Takes note that somebody asks about a scene while a file is open; which file was, where somebody has before.
+    fn again(&mut self, scene_id: &str, file: usize) -> Option<usize> {
+        if self.files.len() >= REMEMBERED {
+            self.files.clear();
+        }
+        self.files.insert(scene_id.to_owned(), file)
+    }
+
+    /// Takes note that a scene has come: if it was lost before, it is not.
+    fn came(&mut self, scene_id: &str) {
+        if self.missing.remove(scene_id) {
+            self.lost.found("scenes");
+        }
+    }
+
+    /// Takes note that a scene could not be fetched: it is lost, and tried again when it is asked about next. One that nobody has is not lost here,
+    /// and stays noted: whoever asked about it may have sent it along, and then it is in the recording with the call.
     fn failed(&mut self, scene_id: &str, code: ErrorCode) {
-        if code != ErrorCode::NotFound {
-            self.0.remove(scene_id);
+        if code == ErrorCode::NotFound {
+            return;
+        }
+        self.files.remove(scene_id);
+        if self.missing.len() >= REMEMBERED {
+            self.missing.clear();
+        }
+        if self.missing.insert(scene_id.to_owned()) {
+            self.lost.add("scenes", 1);
         }
     }
 }
@@ -276,25 +302,28 @@ impl Capture {
         if before == Some(file) {
             return;
         }
-        let (perception, to_file, lost) = (self.perception.clone(), self.to_file.clone(), self.lost.clone());
-        let asked_for = self.asked_for.clone();
+        let (perception, to_file, asked_for) = (self.perception.clone(), self.to_file.clone(), self.asked_for.clone());
         tokio::spawn(async move {
             // As it is read again: not packed.
             let request = SceneRequest::new(scene_id.clone());
-            let failed = match fetch_scene_payload(&perception, &request, &CallOptions::within(SCENE_WITHIN)).await {
+            let fetched = fetch_scene_payload(&perception, &request, &CallOptions::within(SCENE_WITHIN)).await;
+            let mut asked_for = asked_for.lock().unwrap_or_else(PoisonError::into_inner);
+            match fetched {
                 Ok(payload) => {
                     let captured = Captured::Scene { scene_id: scene_id.clone(), payload, at_ns: now_ns() };
                     // It does not wait for room: while a disk stalls, scenes of megabytes would gather here without end.
-                    (!hand_over(&to_file, &lost, "scenes", captured)).then_some(ErrorCode::ResourceExhausted)
+                    match to_file.try_send(captured) {
+                        Ok(()) => asked_for.came(&scene_id),
+                        Err(_) => asked_for.failed(&scene_id, ErrorCode::ResourceExhausted),
+                    }
                 }
-                // Whoever asked about it may have sent it along: then it is in the recording with the call.
                 Err(error) => {
-                    tracing::debug!(scene_id, %error, "a scene cannot be fetched");
-                    Some(error.code)
+                    match error.code {
+                        ErrorCode::NotFound => tracing::debug!(scene_id, %error, "nobody has a scene any more"),
+                        _ => tracing::warn!(scene_id, %error, "a scene cannot be fetched and is not in the recording"),
+                    }
+                    asked_for.failed(&scene_id, error.code);
                 }
-            };
-            if let Some(code) = failed {
-                asked_for.lock().unwrap_or_else(PoisonError::into_inner).failed(&scene_id, code);
             }
         });
     }
@@ -383,6 +412,25 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_that_cannot_be_fetched_is_lost_until_it_comes_after_all() {
+        let lost = LostMessages::default();
+        let mut asked_for = AskedFor::counting(lost.clone());
+        let counted = || lost.by_kind().get("scenes").copied();
+        // Perception is away. That nobody has a scene is no loss: it may be in a call.
+        for (scene, code) in [("one", ErrorCode::Unavailable), ("one", ErrorCode::DeadlineExceeded), ("two", ErrorCode::Unavailable)] {
+            asked_for.failed(scene, code);
+        }
+        asked_for.failed("three", ErrorCode::NotFound);
+        assert_eq!(counted(), Some(2));
+        for scene in ["one", "one", "three", "two"] {
+            asked_for.came(scene);
+        }
+        assert_eq!(counted(), None);
+        (0..3 * REMEMBERED).for_each(|scene| asked_for.failed(&scene.to_string(), ErrorCode::Unavailable));
+        assert!(counted() == Some(3 * REMEMBERED as u64) && asked_for.missing.len() <= REMEMBERED);
+    }
+
+    #[test]
     fn what_the_file_has_no_room_for_is_counted_and_waits_for_none() {
         let ((to_file, _captured), lost) = (mpsc::channel(1), LostMessages::default());
         let scene = || {
@@ -399,6 +447,6 @@ mod tests {
         for scene in 0..3 * REMEMBERED {
             asked_for.again(&scene.to_string(), 0);
         }
-        assert!(asked_for.0.len() <= REMEMBERED);
+        assert!(asked_for.files.len() <= REMEMBERED);
     }
 }

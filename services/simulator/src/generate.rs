@@ -255,8 +255,11 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64, scene_done: &dy
     let suffix = if scenes as u64 == settings.scenes_per_shard.max(1) { String::new() } else { format!("_of_{scenes}_scenes") };
     made.releases = make_releases(settings, first, end)?;
     let is_whole_there = ShardWriter::shard_path(&settings.out, number, "").exists();
-    if is_whole_there || short_shards(&settings.out, number).any(|(there, _)| there >= scenes) {
+    let longest_short = short_shards(&settings.out, number).map(|(there, _)| there).max().unwrap_or(0);
+    let there = if is_whole_there { usize::MAX } else { longest_short };
+    if there >= scenes {
         made.skipped = scenes;
+        remove_shorter(&settings.out, number, there)?;
         return Ok(made);
     }
     let failed = |source| GenerateError::Write { folder: settings.out.clone(), source };
@@ -283,11 +286,18 @@ fn make_shard(settings: &GenerateSettings, first: u64, end: u64, scene_done: &dy
             writer.push(&view).map_err(failed)?;
         }
     }
-    for (_, path) in short_shards(&settings.out, number) {
+    made.bytes = writer.finish().map_err(failed)?;
+    // Only now: had the disk been full, they would be all there is. Should this be interrupted, the next run removes them.
+    remove_shorter(&settings.out, number, scenes)?;
+    Ok(made)
+}
+
+/// Removes the short shards `number` of fewer scenes than the one in their place.
+fn remove_shorter(folder: &Path, number: usize, scenes: usize) -> Result<(), GenerateError> {
+    for (_, path) in short_shards(folder, number).filter(|(there, _)| *there < scenes) {
         std::fs::remove_file(&path).map_err(|source| GenerateError::Remove { path, source })?;
     }
-    made.bytes = writer.finish().map_err(failed)?;
-    Ok(made)
+    Ok(())
 }
 
 /// Makes the outcomes of one shard's scenes, where they are wanted and not there; says how many. Others that are there are refused.

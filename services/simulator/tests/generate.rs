@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use repose_dataset::{Composite, Split, read_shard, shard_paths};
+use repose_dataset::{Composite, ShardWriter, Split, read_shard, shard_paths};
 use repose_simulator::generate::{GenerateError, GenerateSettings, generate, scene_views};
 use repose_simulator::render::picture;
 use repose_simulator::scene::{SceneSettings, scene_of_seed};
@@ -89,6 +89,28 @@ fn a_longer_run_replaces_the_short_shard_of_the_one_before() {
     generate(&settings(whole.path(), 1), |_| true).expect("made");
     assert!(bytes(folder.path()) == bytes(whole.path()));
     assert_eq!(generate(&three, |_| true).expect("nothing to do").scenes, 0);
+}
+
+#[test]
+fn a_short_shard_stays_until_the_longer_one_is_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let made = |scenes| generate(&GenerateSettings { scenes, scenes_per_shard: 4, ..settings(folder.path(), 1) }, |_| true);
+    made(1).expect("made");
+    let before = bytes(folder.path());
+    // In the way of what is written, as a full disk is.
+    let mut in_the_way = ShardWriter::shard_path(folder.path(), 0, "_of_2_scenes").into_os_string();
+    in_the_way.push(format!(".{}.tmp", std::process::id()));
+    std::fs::create_dir(&in_the_way).expect("a folder");
+    assert!(matches!(made(2), Err(GenerateError::Write { .. })));
+    assert!(bytes(folder.path()) == before && before.len() == 1);
+    std::fs::remove_dir(&in_the_way).expect("removed");
+    made(2).expect("made");
+    let longer = bytes(folder.path());
+    assert_eq!(longer.len(), 1);
+    // As a run leaves it that is interrupted before it removes it.
+    std::fs::write(ShardWriter::shard_path(folder.path(), 0, "_of_1_scenes"), &before[0]).expect("written");
+    made(2).expect("nothing to do");
+    assert!(bytes(folder.path()) == longer);
 }
 
 #[test]

@@ -11,6 +11,8 @@ use parry3d::shape::SharedShape;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use repose_geometry::TriMesh;
+use repose_simulator::arrange::{ArrangeSettings, arranged};
+use repose_simulator::furniture::{Furniture, SceneKind, Table};
 use repose_simulator::objects::body::cuboid_mesh;
 use repose_simulator::objects::meshes::read::{Format, triangles};
 use repose_simulator::objects::meshes::{DecompositionSettings, MeshProblem};
@@ -137,6 +139,30 @@ fn whatever_is_wrong_names_the_file_and_the_fault() {
 }
 
 #[test]
+fn ready_parts_without_a_volume_are_no_body() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), "brick/mesh.obj", obj(&box_mesh()));
+    let line = TriMesh { vertices: [0.0, 0.1, 0.2].map(|x| Point3::new(x, 0.0, 0.0)).to_vec(), triangles: vec![[0, 1, 2]] };
+    let parts = write(folder.path(), "brick/convex_parts.stl", stl(&line));
+    let error = MeshLibrary::load(folder.path(), &MeshSettings::default()).expect_err("feet alone");
+    assert!(matches!(error.problem, MeshProblem::NoParts) && error.path == parts, "{error}");
+}
+
+#[test]
+fn ready_parts_are_those_of_the_only_mesh_beside_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), "brick.obj", obj(&box_mesh()));
+    let parts = write(folder.path(), "convex_parts.stl", stl(&box_mesh()));
+    let load = |settings: &MeshSettings| MeshLibrary::load(folder.path(), settings);
+    assert!(load(&MeshSettings::default()).is_ok());
+    write(folder.path(), "tile.obj", obj(&cuboid_mesh(Vector3::new(0.06, 0.06, 0.01))));
+    let error = load(&MeshSettings::default()).expect_err("whose parts are they?");
+    assert!(matches!(error.problem, MeshProblem::PartsOfSeveral) && error.path == parts, "{error}");
+    let decomposition = DecompositionSettings { ready_parts: false, ..DecompositionSettings::default() };
+    assert!(load(&MeshSettings { decomposition, ..MeshSettings::default() }).is_ok(), "where none are asked for");
+}
+
+#[test]
 fn the_cache_gives_the_same_object_and_damage_is_mended() {
     let folder = tempfile::tempdir().expect("a folder");
     let cup = Family::Cup.sample(1.0, &mut Pcg64::seed_from_u64(1));
@@ -173,6 +199,24 @@ fn meshes_come_instead_of_families_in_their_share() {
     assert_eq!(count(&ObjectSource::default()), 0);
     let some = count(&ObjectSource::procedural([(Family::Can, 1.0)]).with_meshes(library, 0.3));
     assert!((60..120).contains(&some), "{some} of 300");
+}
+
+#[test]
+fn an_objects_own_friction_is_its_friction_in_every_scene() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), "plain.obj", obj(&box_mesh()));
+    write(folder.path(), "slick.obj", obj(&box_mesh()));
+    write(folder.path(), "slick.toml", "friction = 0.05");
+    let library = MeshLibrary::load(folder.path(), &MeshSettings::default()).expect("valid");
+    let settings = ArrangeSettings { source: ObjectSource::meshes(library), ..ArrangeSettings::default() };
+    let mut rng = Pcg64::seed_from_u64(3);
+    let furniture = Furniture::sample(SceneKind::OpenTable, &Table::default(), &mut rng);
+    let objects: Vec<_> = (0..20).filter_map(|_| arranged(&furniture, &settings, &mut rng).ok()).flatten().collect();
+    let of = |name: &str| objects.iter().filter(|o| &*o.shape.name == name).map(|o| o.shape.friction).collect::<Vec<f32>>();
+    let (plain, slick) = (of("plain"), of("slick"));
+    assert!(!slick.is_empty() && slick.iter().all(|friction| *friction == 0.05), "{slick:?}");
+    let [least, most] = settings.friction;
+    assert!(!plain.is_empty() && plain.iter().all(|friction| (least..=most).contains(friction)), "{plain:?}");
 }
 
 /// How far a point is outside of all parts, metres.

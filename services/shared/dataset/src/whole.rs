@@ -1,8 +1,11 @@
 //! Files that are replaced at once.
 
+use std::fs::File;
+use std::io::Write;
 use std::path::Path;
 
-/// Writes a file beside its place and renames it, so that neither a reader nor an interruption meets half of one. Makes its folder.
+/// Writes a file beside its place and renames it, so that no reader meets half of one, and no interruption, not even a power cut, leaves
+/// half of one. Makes its folder.
 ///
 /// # Errors
 /// The system's; the file that was there stays.
@@ -13,12 +16,19 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     // A name of its own, beside files that differ in their endings only and beside what another process writes to the same place.
     let mut beside = path.as_os_str().to_owned();
     beside.push(format!(".{}.tmp", std::process::id()));
-    let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));
+    let written = write_through(Path::new(&beside), bytes).and_then(|()| std::fs::rename(&beside, path));
     if written.is_err() {
         // Part of a file is of use to nobody; that the rest could not be written is what the caller hears of.
         drop(std::fs::remove_file(&beside));
     }
     written
+}
+
+/// Writes a file and waits until the disk has it: the disk may learn of a new name before it has what is behind it.
+fn write_through(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut file = File::create(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()
 }
 
 #[cfg(test)]

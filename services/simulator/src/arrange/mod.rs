@@ -134,7 +134,11 @@ impl<'a> Arrangement<'a> {
         if shape.top.is_none() && rng.random_bool(settings.stackable) {
             shape = sampled(settings, rng);
         }
-        shape.friction = rng.random_range(settings.friction[0]..=settings.friction[1]);
+        // Drawn for every object, so that what is known of one does not change the others.
+        let friction = rng.random_range(settings.friction[0]..=settings.friction[1]);
+        if !shape.is_friction_known {
+            shape.friction = friction;
+        }
         let shape = Arc::new(shape);
         for _ in 0..TRIES {
             let ways = &settings.ways;

@@ -24,7 +24,7 @@ pub struct ArrangeSettings {
     pub stackable: f64,
     /// Highest that something may be over its surface for another to be put on top of it, metres.
     pub highest_stack_m: f64,
-    /// Lowest and highest friction coefficient of an object.
+    /// Lowest and highest friction coefficient of an object of which nobody has said it.
     pub friction: [f32; 2],
     /// How likely each way of placing an object is; need not sum to 1.
     pub ways: Ways,

@@ -156,6 +156,7 @@ impl Body {
             half_extents_m: ((high - low) / 2.0).cast(),
             mass_kg: finish.mass_kg,
             friction: finish.friction,
+            is_friction_known: false,
             top: finish.top.map(|t| Top { center_m: moved(t.center_m), height_m: t.height_m - center.z, ..t }),
             opening: finish.opening.map(|o| VesselInterior {
                 center_m: moved(o.center_m),

@@ -70,6 +70,8 @@ pub struct ObjectShape {
     pub mass_kg: f32,
     /// Coulomb friction coefficient; a contact takes the mean of the two.
     pub friction: f32,
+    /// Whether that is this very object's, as a sidecar says it; scenes draw one for any other.
+    pub is_friction_known: bool,
     /// Where another object can stand, if anywhere.
     pub top: Option<Top>,
     /// What it can hold, if anything.

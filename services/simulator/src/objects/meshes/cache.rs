@@ -7,13 +7,14 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
+use repose_dataset::write_whole;
 use repose_geometry::TriMesh;
 use serde::{Deserialize, Serialize};
 
 use super::decompose::ConvexPart;
 
 /// Goes up when the same bytes and settings would give another object.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// What is worth keeping of an object: its surface and its parts, metres, z up, origin at the centre of the surface's box.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,10 +92,7 @@ impl Cache {
             open_edges: geometry.open_edges,
         };
         let json = serde_json::to_string(&stored)?;
-        std::fs::create_dir_all(&self.folder)?;
-        let unfinished = self.folder.join(format!("{key}.{}.tmp", std::process::id()));
-        std::fs::write(&unfinished, format!("{}\n{json}", blake3::hash(json.as_bytes()).to_hex()))?;
-        std::fs::rename(&unfinished, self.file(key))
+        write_whole(&self.file(key), format!("{}\n{json}", blake3::hash(json.as_bytes()).to_hex()).as_bytes())
     }
 
     fn file(&self, key: &str) -> PathBuf {
@@ -119,6 +117,7 @@ mod tests {
         let key = Cache::key(&[b"mesh"], "settings");
         assert_eq!(cache.get(&key), None);
         cache.put(&key, &geometry).expect("written");
+        let again = geometry.clone();
         assert_eq!(cache.get(&key), Some(geometry));
         let file = cache.file(&key);
         let text = std::fs::read_to_string(&file).expect("there").replace("0.3", "0.4");
@@ -126,6 +125,11 @@ mod tests {
         assert_eq!(cache.get(&key), None);
         let leftovers = std::fs::read_dir(file.parent().expect("a folder")).expect("there").count();
         assert_eq!(leftovers, 1);
+        // Where it cannot be put, nothing of it stays, either.
+        std::fs::remove_file(&file).expect("removed");
+        std::fs::create_dir(&file).expect("a folder in its place");
+        assert!(cache.put(&key, &again).is_err());
+        assert_eq!(std::fs::read_dir(file.parent().expect("a folder")).expect("there").count(), 1);
     }
 
     #[test]

@@ -41,15 +41,19 @@ pub fn ready_parts(mesh: &TriMesh, weld: f32, max_corners: usize) -> Vec<ConvexP
     components(&mesh).into_iter().filter_map(part).collect()
 }
 
-/// Flat feet under what stands: quadrilateral prisms over the lowest millimetres of the parts.
+/// Flat feet under what stands: quadrilateral prisms over the lowest millimetres of the parts, no higher than the surface.
 ///
 /// Scanned undersides are wavy by a few millimetres, and of a face with many corners the engine knows four in a row: without feet a
 /// carton leans by three degrees.
 pub fn feet(mesh: &TriMesh, parts: &[ConvexPart]) -> Vec<ConvexPart> {
     const SLAB_M: f32 = 0.003;
     const HEIGHT_M: f32 = 0.004;
+    /// Less is no body to the engine. A part may stand out of the surface by as much.
+    const LEAST_HEIGHT_M: f32 = 0.001;
     let points = || mesh.vertices.iter().chain(parts.iter().flatten());
     let low = points().map(|p| p.z).fold(f32::MAX, f32::min);
+    let high = mesh.vertices.iter().map(|p| p.z).fold(f32::MIN, f32::max);
+    let top = low + (high - low).clamp(LEAST_HEIGHT_M, HEIGHT_M);
     let near: Vec<&Point3<f32>> = points().filter(|p| p.z <= low + SLAB_M).collect();
     let farthest = |k: usize| {
         let turn = std::f32::consts::TAU * (k as f32 + 0.5) / 16.0;
@@ -61,7 +65,7 @@ pub fn feet(mesh: &TriMesh, parts: &[ConvexPart]) -> Vec<ConvexPart> {
         let twice_area: f32 =
             (0..corners.len()).map(|k| (corners[k], corners[(k + 1) % corners.len()])).map(|(a, b)| a.x * b.y - a.y * b.x).sum();
         // What touches the table in a line or a point (a ball, a roller) has no feet.
-        (twice_area > 2e-4).then(|| corners.iter().flat_map(|p| [low, low + HEIGHT_M].map(|z| Point3::new(p.x, p.y, z))).collect())
+        (twice_area > 2e-4).then(|| corners.iter().flat_map(|p| [low, top].map(|z| Point3::new(p.x, p.y, z))).collect())
     };
     (0..4).filter_map(quad).collect()
 }
@@ -133,6 +137,17 @@ mod tests {
         let mut two = cube.clone();
         two.append(&cube.transformed(&nalgebra::Isometry3::translation(0.2, 0.0, 0.0)));
         assert_eq!(ready_parts(&two, 1e-6, 48).len(), 2);
+    }
+
+    #[test]
+    fn the_feet_of_something_flat_end_with_it() {
+        // A card of 2 mm, a box, and a sheet without a thickness.
+        for (height, expected) in [(0.002, 0.002), (0.08, 0.004), (0.0, 0.001)] {
+            let mesh = cuboid_mesh(Vector3::new(0.043, 0.027, height / 2.0));
+            let feet = feet(&mesh, &[]);
+            let top = feet.iter().flatten().map(|p| p.z + height / 2.0).fold(0.0, f32::max);
+            assert!(!feet.is_empty() && (top - expected).abs() < 1e-6, "{height} m: feet of {top} m");
+        }
     }
 
     #[test]

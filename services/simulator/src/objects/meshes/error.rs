@@ -72,6 +72,9 @@ pub enum MeshProblem {
     /// No convex part came out of it.
     #[error("expected a body with a volume, found no convex part")]
     NoParts,
+    /// Ready parts lie in a folder with several meshes, of which they can be those of one.
+    #[error("expected one mesh beside ready parts, found several: give each a folder of its own with its parts")]
+    PartsOfSeveral,
     /// There is no mesh in the folder.
     #[error("expected .obj, .stl or .ply files in this folder, found none")]
     NoMeshes,

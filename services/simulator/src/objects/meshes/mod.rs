@@ -1,7 +1,7 @@
 //! A folder of the user's meshes as objects.
 //!
 //! Every `.obj`, `.stl` and `.ply` below the folder is one object, except files called `convex_parts`, which are the ready parts of the
-//! mesh beside them. An object is called by its sidecar, else by its folder where it is the only mesh there, else by its file. Folders
+//! one mesh beside them. An object is called by its sidecar, else by its folder where it is the only mesh there, else by its file. Folders
 //! and files whose names begin with a dot are passed over. Anything wrong with any file is an error: nothing is skipped in silence.
 //!
 //! The YCB objects of `data/ycb` load as they are (masses from their `model.urdf`, parts from their `convex_parts.stl`). They are for
@@ -84,6 +84,9 @@ impl MeshLibrary {
             let alone = paths.iter().filter(|p| p.parent() == path.parent()).count() == 1;
             let name = name_of(path, alone && path.parent() != Some(folder));
             let source = Source::read(path, settings)?;
+            if let (false, Some((parts, ..))) = (alone, &source.parts) {
+                return Err(MeshProblem::PartsOfSeveral.at(parts));
+            }
             digest.update(name.as_bytes()).update(source.key.as_bytes()).update(format!("{:?}", source.sidecar).as_bytes());
             let geometry = source.geometry(settings, &cache)?;
             shapes.push(Arc::new(source.shape(&name, geometry, settings)));
@@ -167,13 +170,14 @@ impl<'a> Source<'a> {
             None => decomposed(&mesh, &settings.decomposition),
         };
         let volume_m3 = signed_volume(&mesh);
+        // Before the feet: they alone are no body.
+        if parts.is_empty() {
+            return Err(MeshProblem::NoParts.at(self.parts.as_ref().map_or(self.path, |(path, ..)| path.as_path())));
+        }
         let mut mesh = simplified(&mesh, settings.drawn_triangles, settings.tolerance_m);
         parts.extend(feet(&mesh, &parts));
         for p in mesh.vertices.iter_mut().chain(parts.iter_mut().flatten()) {
             *p -= center;
-        }
-        if parts.is_empty() {
-            return Err(MeshProblem::NoParts.at(self.path));
         }
         Ok(Geometry { mesh, parts, volume_m3, open_edges: clean.open_edges })
     }
@@ -192,6 +196,7 @@ impl<'a> Source<'a> {
             half_extents_m: half_extents.cast(),
             mass_kg: self.sidecar.mass_kg.unwrap_or_else(|| Mass::Solid.of(density_kg_m3, geometry.volume_m3, 0.0)),
             friction: self.sidecar.friction.unwrap_or(settings.friction),
+            is_friction_known: self.sidecar.friction.is_some(),
             top: heights.top(),
             opening: heights.opening(),
             mesh: geometry.mesh,

@@ -36,7 +36,7 @@ pub struct MeshSettings {
     pub up: UpAxis,
     /// Mass per enclosed volume where no sidecar gives a mass, kg/m³. Default 400, about that of filled packaging.
     pub density_kg_m3: f32,
-    /// Coulomb friction coefficient where no sidecar gives one. Default 0.5.
+    /// Coulomb friction coefficient where no sidecar gives one. Default 0.5. Scenes draw their own there.
     pub friction: f32,
     /// Most triangles that a file may have. Default 1,000,000; more is refused, not thinned.
     pub max_triangles: usize,
@@ -70,8 +70,8 @@ impl Default for MeshSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DecompositionSettings {
-    /// Whether the solids of a `convex_parts.stl` (or `.obj`, `.ply`) beside a mesh are taken as its parts. Default true: whoever made
-    /// them looked at them; false decomposes again.
+    /// Whether the solids of a `convex_parts.stl` (or `.obj`, `.ply`) beside a mesh are taken as its parts; it must be the only mesh of its
+    /// folder. Default true: whoever made them looked at them; false decomposes again.
     pub ready_parts: bool,
     /// Voxels along the longest edge. Default 128; more follows thin walls closer and takes its third power in time.
     pub resolution: u32,
