@@ -239,3 +239,26 @@ async fn an_arm_goes_back_unseen_only_where_that_is_asked_for_and_what_it_was_ch
     let checked = answered(&mut viewer, recover(6, "home")).await;
     assert_eq!((&checked["result"]["checked_against"], &checked["result"]["camera"]), (&json!(scene_id), &json!("front")), "{checked}");
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_page_that_has_as_many_requests_open_as_may_be_can_give_one_up() {
+    let (_console, world, mut viewer) = working_cell().await;
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let goal = json!([{"relation": "left_of", "anchor": 2, "holds": true}]);
+    let place = |id: u64| json!({"id": id, "ask": "place", "request": {"scene": {"scene_id": scene_id}, "query": 1, "goal": goal}});
+    for id in 10..26 {
+        ask(&mut viewer, place(id)).await;
+    }
+    let refused = answered(&mut viewer, place(26)).await;
+    assert_eq!(refused["error"]["code"], "resource_exhausted", "{refused}");
+    ask(&mut viewer, json!({"id": 30, "ask": "cancel", "request": 10})).await;
+    // Either may be told first.
+    for _ in 0..2 {
+        let told = heard(&mut viewer, |m| (m["id"] == 10 || m["id"] == 30) && m["kind"] != "progress").await;
+        match told["id"] == 30 {
+            true => assert_eq!(told["kind"], "answer", "{told}"),
+            false => assert_eq!(told["error"]["code"], "cancelled", "{told}"),
+        }
+    }
+}

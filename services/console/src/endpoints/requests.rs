@@ -97,6 +97,13 @@ impl Viewer {
         if let Ask::Seen { what } = ask {
             return self.outbox.seen(&if what == DrawnMessage::Picture { Topic::Picture } else { Topic::Scene });
         }
+        // None of the open ones: whoever has as many open as may be gives one up to ask for another.
+        if let Ask::Cancel { request } = ask {
+            if let Some(open) = self.eyes().open.get(&request) {
+                open.cancel();
+            }
+            return self.outbox.put(Topic::Answer(id), ServerMessage::Answer { id, result: Box::new(Answered::Done {}) }.encode());
+        }
         let cancel = CancellationToken::new();
         let refusal = {
             let mut eyes = self.eyes();
@@ -133,7 +140,7 @@ impl Viewer {
         match ask {
             Ask::Watch { cell, camera } => self.watch(id, &cell, camera.as_deref()).await,
             // Taken above.
-            Ask::Seen { .. } => Ok(Answered::Done {}),
+            Ask::Seen { .. } | Ask::Cancel { .. } => Ok(Answered::Done {}),
             Ask::Hold { scene_id } => self.hold(&scene_id),
             Ask::Segment { scene_id, pixel } => self.segment(&scene_id, pixel).await,
             Ask::Place { request } => self.place(id, &request, cancel).await,
@@ -180,12 +187,6 @@ impl Viewer {
             Ask::NewScene { seed } => {
                 let request = Payload::json(&WorldResetRequest { seed })?;
                 self.cell()?.caller(Service::Simulator).call("reset", request, CallOptions::at_most_once(RESET)).await?;
-                Ok(Answered::Done {})
-            }
-            Ask::Cancel { request } => {
-                if let Some(open) = self.eyes().open.get(&request) {
-                    open.cancel();
-                }
                 Ok(Answered::Done {})
             }
         }
