@@ -186,6 +186,12 @@ async fn a_plan_is_shown_no_more_when_whoever_made_it_looks_at_another_cell() {
     let id = &planned["result"]["plan"];
     assert!(id.is_string(), "{planned}");
     heard(&mut other, |m| m["kind"] == "plan" && m["shown"]["plan"] == *id).await;
+    // Whose it is not cannot take it away.
+    answered(&mut other, json!({"id": 2, "ask": "discard", "plan": id})).await;
+    let mut late = socket(console.address, &[]).await.expect("a socket");
+    ask(&mut late, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let shown = heard(&mut late, |m| m["kind"] == "plan").await;
+    assert_eq!(shown["shown"]["plan"], *id);
     // The same cell's other camera is no other cell: the plan is still at hand there.
     answered(&mut planner, json!({"id": 3, "ask": "watch", "cell": "cell", "camera": "side"})).await;
     answered(&mut planner, json!({"id": 4, "ask": "watch", "cell": "far", "camera": "top"})).await;

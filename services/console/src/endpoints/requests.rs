@@ -151,8 +151,10 @@ impl Viewer {
             }
             Ask::Execute { plan } => self.execute(&plan).await,
             Ask::Discard { plan } => {
-                self.eyes().plan.take_if(|known| known.id == plan);
-                self.cell()?.hide_plan(Some(&plan));
+                // Everybody in the cell is shown the id: one that is another's stays.
+                if self.eyes().plan.take_if(|known| known.id == plan).is_some() {
+                    self.cell()?.hide_plan(Some(&plan));
+                }
                 Ok(Answered::Done {})
             }
             Ask::Sequence { scene_id, robot, goals } => {
