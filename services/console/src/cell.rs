@@ -232,6 +232,16 @@ impl WatchedCell {
         self.shared.scene(scene_id).await
     }
 
+    /// The same as viewers get it, without the frame that it was made of.
+    ///
+    /// # Errors
+    /// `not_found` when nobody has it any more; `invalid_argument` when its camera has no pose.
+    pub async fn view(&self, scene_id: &str) -> Result<SceneView, CallError> {
+        let scene = self.scene(scene_id).await?;
+        let (cell, scene_id, cloud_points) = (self.name().to_owned(), scene_id.to_owned(), self.shared.config.cloud_points);
+        computed(move || SceneView::new(ViewReason::Live, cell, scene_id, scene.into(), None, cloud_points)).await
+    }
+
     /// A view with the object that is seen at a pixel (column, row) of it, where perception can tell one there.
     ///
     /// # Errors

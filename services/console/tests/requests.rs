@@ -199,6 +199,19 @@ async fn a_plan_is_shown_no_more_when_whoever_made_it_looks_at_another_cell() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_picture_that_a_page_held_before_its_connection_was_lost_is_held_again_while_perception_has_it() {
+    let (_console, world, mut viewer) = working_cell().await;
+    answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    while world.times("latest") == 0 {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    // Nobody was sent it over this connection.
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    let held = answered(&mut viewer, json!({"id": 2, "ask": "hold", "scene_id": scene_id})).await;
+    assert_eq!(held["kind"], "answer", "{held}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_sequence_that_is_to_end_keeps_its_cell_until_it_has() {
     let (_console, world, mut viewer) = working_cell().await;
     let scene_id = world.sees(WorldFrame::Extrinsics);

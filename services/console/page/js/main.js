@@ -118,8 +118,8 @@ function welcomed(welcome) {
   myPlan = undefined;
   planShown(undefined);
   if (motion.isMoving || sequence.isUnderWay || arrangement.isUnderWay) heardOfActivity({});
-  // What was held is known to the console no longer, once it has ended.
-  const released = () => { release(); notice({ message: "The console has ended meanwhile and knows the held picture no longer: choose the goal again." }); };
+  // The scenes of before are kept for a while.
+  const released = () => { release(); notice({ message: "The held picture is known no longer: choose the goal again." }); };
   watch().then((isWatched) => isWatched && isHeld && connection.ask("hold", { scene_id: scene.id }).catch(released));
 }
 

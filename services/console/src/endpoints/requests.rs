@@ -141,7 +141,7 @@ impl Viewer {
             Ask::Watch { cell, camera } => self.watch(id, &cell, camera.as_deref()).await,
             // Taken above.
             Ask::Seen { .. } | Ask::Cancel { .. } => Ok(Answered::Done {}),
-            Ask::Hold { scene_id } => self.hold(&scene_id),
+            Ask::Hold { scene_id } => self.hold(&scene_id).await,
             Ask::Segment { scene_id, pixel } => self.segment(&scene_id, pixel).await,
             Ask::Place { request } => self.place(id, &request, cancel).await,
             Ask::Plan { scene_id, robot, query, placements, seed } => {
@@ -253,9 +253,13 @@ impl Viewer {
         Ok(Answered::Done {})
     }
 
-    fn hold(&self, scene_id: &str) -> Result<Answered, CallError> {
+    /// Keeps a scene; one that is at hand no longer, as after a connection that was lost for a while, as perception has it.
+    async fn hold(&self, scene_id: &str) -> Result<Answered, CallError> {
         let cell = self.cell()?;
-        let view = self.view(&cell, scene_id)?;
+        let view = match self.view(&cell, scene_id) {
+            Ok(view) => view,
+            Err(gone) => Arc::new(cell.view(scene_id).await.map_err(|_| gone)?),
+        };
         self.change_in(&cell, |eyes| eyes.held = Some(view))?;
         Ok(Answered::Done {})
     }
