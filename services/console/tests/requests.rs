@@ -9,7 +9,7 @@ use repose_console::ConsoleConfig;
 use repose_made_scenes::SceneBuilder;
 use repose_proto::motion::{ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, Payload, PlaceRequest, PlaceResult, Scene, Service};
+use repose_proto::{CallError, Frame, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_runtime::{Call, Handler, Server, Session, Traffic, now_ns};
 use serde_json::{Value, json};
 use serving::{Running, Socket, WITHIN, ask, heard, robot, socket, start};
@@ -209,6 +209,32 @@ async fn a_picture_that_a_page_held_before_its_connection_was_lost_is_held_again
     let scene_id = world.sees(WorldFrame::Extrinsics);
     let held = answered(&mut viewer, json!({"id": 2, "ask": "hold", "scene_id": scene_id})).await;
     assert_eq!(held["kind"], "answer", "{held}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn where_nothing_moves_a_scene_that_came_before_its_frame_gets_it_from_a_later_one() {
+    let ((console, _servers), world, mut viewer) = working_cell().await;
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let cell = console.session.cell();
+    let frames = console.session.publisher(cell.camera_frame("front"), Traffic::Frame);
+    let summaries = console.session.publisher(cell.scene("front"), Traffic::Scene);
+    for id in 2.. {
+        // The same scene, seen again.
+        let scene = world.scene().expect("a scene");
+        let camera = scene.meta.camera.clone();
+        let frame = Frame::new("front".to_owned(), scene.stamp_ns, camera.clone(), vec![1000; camera.width * camera.height]);
+        frames.put(Payload::bulk(Frame::SCHEMA, &frame.to_bulk()).expect("encoded")).await.expect("put");
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        summaries.put(Payload::json(&scene.summary(scene_id.clone())).expect("encoded")).await.expect("put");
+        tokio::time::sleep(Duration::from_millis(600)).await;
+        let refused = answered(&mut viewer, json!({"id": id, "ask": "segment", "scene_id": scene_id, "pixel": [0, 0]})).await;
+        let why = refused["error"]["message"].as_str().expect("a reason");
+        if !why.contains("no longer at hand") {
+            return assert!(world.times("segment") > 0, "perception is asked: {refused}");
+        }
+        assert!(id < 20, "{refused}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -276,13 +276,14 @@ impl Viewer {
         }
     }
 
-    /// A scene of a cell that this viewer holds or may have on its screen.
+    /// A scene of a cell that this viewer holds or may have on its screen; where it came more than once, as it came with its frame.
     fn view(&self, cell: &WatchedCell, scene_id: &str) -> Result<Arc<SceneView>, CallError> {
         let eyes = self.eyes();
-        let is_it = |view: &&Arc<SceneView>| view.scene_id == scene_id && view.cell == cell.name();
-        let at_hand = eyes.held.iter().chain(&eyes.sent).find(is_it).cloned();
-        let shown = || eyes.camera.as_ref()?.view(scene_id).filter(|view| is_it(&view));
-        at_hand.or_else(shown).ok_or_else(|| CallError::not_found("scene_id", "this scene is no longer shown"))
+        let shown = eyes.camera.as_ref().and_then(|camera| camera.view(scene_id));
+        let known = eyes.held.iter().chain(&eyes.sent).chain(&shown).filter(|v| v.scene_id == scene_id && v.cell == cell.name());
+        // The first of those that are best.
+        let best = known.min_by_key(|view| view.frame.is_none());
+        best.cloned().ok_or_else(|| CallError::not_found("scene_id", "this scene is no longer shown"))
     }
 
     async fn segment(&self, scene_id: &str, pixel: [usize; 2]) -> Result<Answered, CallError> {
