@@ -36,6 +36,8 @@ let cleared = 0;
 let isCarriedOut = false;
 /** Since when a camera is looked for. */
 let watchedAt;
+/** The robot whose stop nobody has confirmed. */
+let unheard;
 const robots = new Map();
 
 // The console. First, so that it answers while the parts are made.
@@ -395,6 +397,7 @@ function robotShown(shown) {
     choices(byId("robot"), [...robots.keys()].sort(), robot);
   }
   world.showRobot(shown);
+  if (shown.robot === unheard && shown.state.stop && !isStale(shown.heardAt)) confirmed();
   if (shown.robot === robot) chosenShown();
 }
 
@@ -408,10 +411,21 @@ function chosenShown() {
 }
 
 function stop() {
+  const name = robot ?? "panda";
+  const unconfirmed = (why, field) => {
+    unheard = name;
+    notice({ message: `Stop: nobody has confirmed it${why}. If the robot goes on, press again, or use the switch beside it.`, field }, "stop");
+  };
   // Over a network that has gone nothing comes back for minutes.
-  const late = setTimeout(() => notice({ message: "Stop: nobody has confirmed it yet. If the robot goes on, use the switch beside it." }, "bad"), STALE_MS);
-  connection.stop(cell, robot ?? "panda", "stopped from the console").finally(() => clearTimeout(late))
-    .then(() => notice(), (refusal) => notice({ message: `Stop: ${refusal.message}`, field: refusal.field }, "bad"));
+  const late = setTimeout(() => unconfirmed(" yet"), STALE_MS);
+  connection.stop(cell, name, "stopped from the console").finally(() => clearTimeout(late))
+    .then(confirmed, ({ message, field }) => unconfirmed(`: ${message.replace(/\.$/, "")}`, field));
+}
+
+/** The robot has stopped, whoever says so. */
+function confirmed() {
+  unheard = undefined;
+  notice(undefined, "stop");
 }
 
 /** Clears the stop that is shown, and none that has latched since. */
@@ -449,7 +463,7 @@ byId("follow").addEventListener("click", () => release());
 byId("open-system").addEventListener("click", () => system.open());
 byId("cell").addEventListener("change", ({ target }) => {
   cell = target.value;
-  [camera, robot, newest, scene, myPlan] = [];
+  [camera, robot, newest, scene, myPlan, unheard] = [];
   robots.clear();
   world.forget();
   // An idle cell says nothing of what is carried out in it.
