@@ -431,6 +431,13 @@ test("a narrow screen has everything, and the stop at the thumb", async () => {
   await phone.evaluate(() => scrollTo(0, 700));
   const box = await phone.locator("#stop").boundingBox();
   assert.ok(box.y > 0 && box.y + box.height <= 844 && box.height >= 44, JSON.stringify(box));
+  // What comes of it is in sight, too, wherever the page is scrolled to.
+  await phone.route("**/stop", (route) => route.abort());
+  await phone.click("#stop");
+  await textOf(phone, "#notice", /nobody has confirmed/);
+  const said = await phone.locator("#notice").boundingBox();
+  assert.ok(said.y >= 0 && said.y + said.height <= 844, JSON.stringify(said));
+  await phone.click("#notice button");
   await phone.evaluate(() => scrollTo(0, 0));
   await screenshot(phone, "11-phone", { fullPage: true });
   await phone.context().close();
