@@ -72,7 +72,7 @@ const arrangement = new Arrangement(byId("arrangement"), {
   run: (request) => connection.ask("bring_about", { robot, request }).then(() => { sequence.clear(); goal.clear(); release(); }), end: () => connection.ask("end_sequence").catch((refusal) => notice(refusal, "bad")),
 });
 const sequence = new Sequence(byId("sequence"), { run: runSequence, arrange: (goals) => arrangement.find(goals), end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
-const system = new System(byId("system"), { newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), (refusal) => notice(refusal, "bad")) });
+const system = new System(byId("system"), { stop, newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), (refusal) => notice(refusal, "bad")) });
 
 function lit(rank) {
   placements.lit(rank);
@@ -412,6 +412,8 @@ function chosenShown() {
 
 function stop() {
   const name = robot ?? "panda";
+  // What comes of it stands on the page behind.
+  system.close();
   const unconfirmed = (why, field) => {
     unheard = name;
     notice({ message: `Stop: nobody has confirmed it${why}. If the robot goes on, press again, or use the switch beside it.`, field }, "stop");

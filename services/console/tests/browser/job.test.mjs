@@ -447,11 +447,17 @@ test("the system is listed with its workers", async () => {
   await page.click("#open-system");
   const text = await textOf(page, "#workers", /planner/);
   for (const service of ["perception", "inference", "motion", "simulator"]) assert.ok(text.includes(service), service);
-  // It is drawn anew with every message; what is typed in it stays.
+  // Its rows are drawn anew with every message; what is typed in it stays.
   await page.fill("#scene-seed", "7");
-  const typed = await page.$("#scene-seed");
-  await page.waitForFunction((field) => !field.isConnected, typed);
+  const row = await page.$("#workers tbody tr");
+  await page.waitForFunction((row) => !row.isConnected, row);
   assert.deepEqual([await page.inputValue("#scene-seed"), await page.evaluate(() => document.activeElement.id)], ["7", "scene-seed"]);
   await screenshot(page, "12-system");
+  // The page behind cannot be clicked while it is open.
+  await page.route("**/stop", (route) => route.abort());
+  await page.click("#system-stop");
+  await textOf(page, "#notice", /nobody has confirmed/);
+  assert.ok(await page.locator("#system").isHidden(), "what comes of it is in sight");
+  await page.unroute("**/stop");
   assert.deepEqual(page.faults.filter((fault) => !/ERR_CONNECTION|WebSocket|Failed to load/.test(fault)), []);
 });

@@ -1,7 +1,7 @@
 // As much of a document as the page's parts are drawn with: elements with their children, properties and listeners.
 
 class Element {
-  children = []; dataset = {}; attributes = {}; listeners = {}; textContent = ""; hidden = false; open = false;
+  children = []; dataset = {}; attributes = {}; listeners = {}; id = ""; className = ""; value = ""; textContent = ""; disabled = false; hidden = false; open = false;
   style = { setProperty: () => {} };
 
   constructor(tag) { this.tag = tag; }
