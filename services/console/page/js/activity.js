@@ -177,9 +177,9 @@ export function areOf(steps, goals) {
 }
 
 export class Sequence {
-  #goals = []; #running; #fault; #may = false;
+  #goals = []; #running; #fault; #may = false; #isAsked = false;
 
-  /** `run(goals)`, `arrange(goals)` and `end()` are its buttons. */
+  /** `run(goals)`, which ends when it has begun, `arrange(goals)` and `end()` are its buttons. */
   constructor(box, actions) {
     this.box = box;
     this.actions = actions;
@@ -208,6 +208,16 @@ export class Sequence {
     this.render();
   }
 
+  /** Has the goals carried out; a second click comes before the cell tells what the first has begun. */
+  async #run() {
+    if (this.#isAsked) return;
+    [this.#isAsked, this.#fault] = [true];
+    this.render();
+    await this.actions.run(this.#goals).catch((refusal) => { this.#fault = refusal; });
+    this.#isAsked = false;
+    this.render();
+  }
+
   render() {
     const running = this.#running, isUnderWay = this.isUnderWay;
     fill(this.box,
@@ -225,7 +235,7 @@ export class Sequence {
           el("span", { textContent: `${goal.query} ${goal.goal.map(termWords).join(", ")}` }),
           el("button", { type: "button", className: "quiet small", textContent: "✕", "aria-label": `Remove goal ${k + 1}`, data: { key: `remove-${k}` }, onclick: () => { this.#goals.splice(k, 1); this.render(); } })))),
         el("div", { className: "row", style: "margin-top: 8px" },
-          el("button", { type: "button", className: "primary", id: "run", textContent: "One after another", disabled: !this.#may || isUnderWay, onclick: () => this.actions.run(this.#goals) }),
+          el("button", { type: "button", className: "primary", id: "run", textContent: "One after another", disabled: !this.#may || isUnderWay || this.#isAsked, onclick: () => this.#run() }),
           el("button", { type: "button", id: "arrange", textContent: "All together", title: "Find moves after which all of them hold", onclick: () => this.actions.arrange(this.#goals) }),
           el("button", { type: "button", className: "quiet small", textContent: "Clear", onclick: () => this.clear() }))],
       this.#fault && faultBox(this.#fault));

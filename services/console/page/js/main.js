@@ -444,8 +444,7 @@ async function recover(name, move, unchecked) {
 }
 
 function runSequence(goals) {
-  sequence.fault();
-  connection.ask("sequence", { scene_id: goals[0].scene.scene_id, robot, goals }).then(() => { goal.clear(); release(); }, (refusal) => sequence.fault(refusal));
+  return connection.ask("sequence", { scene_id: goals[0].scene.scene_id, robot, goals }).then(() => { goal.clear(); release(); });
 }
 
 function lookThrough(name) {
