@@ -5,7 +5,7 @@ import { STALE_MS, instantOf, isStale } from "./age.js";
 import { Arrangement } from "./arrangement.js";
 import { sceneOf } from "./bulk.js";
 import { Connection } from "./connection.js";
-import { byId, choices, el, fill } from "./element.js";
+import { byId, choices, el, fill, keep } from "./element.js";
 import { Goal } from "./goal.js";
 import { followKeys } from "./keys.js";
 import { notice } from "./notice.js";
@@ -202,14 +202,21 @@ function adopt(next) {
 }
 
 function drawObjects() {
-  const { query, anchors } = goal.marks;
-  fill(byId("objects"), [...(scene?.objects.values() ?? [])].map(({ id, extent_m }) => el("button", {
-    type: "button", className: `chip ${id === query ? "query" : anchors.includes(id) ? "anchor" : ""}`, own: colorOf(id),
+  const { query, anchors } = goal.marks, ids = new Map([...(scene?.objects.keys() ?? [])].map((id) => [`object-${id}`, id]));
+  const chip = (key) => {
+    const id = ids.get(key);
+    return el("button", { type: "button", own: colorOf(id), data: { id },
+      onclick: (event) => goal.pick(id, { shift: event.shiftKey }), onpointerenter: () => picture.lit(id), onpointerleave: () => picture.lit(0), onfocus: () => picture.lit(id), onblur: () => picture.lit(0),
+    }, el("i"), `Object ${id}`);
+  };
+  keep(byId("objects"), [...ids.keys()], chip, (button, key) => {
+    const id = ids.get(key), [u, v] = scene.middles.get(id) ?? [];
+    button.className = `chip ${id === query ? "query" : anchors.includes(id) ? "anchor" : ""}`;
+    button.setAttribute("aria-pressed", String(id === query || anchors.includes(id)));
+    button.title = centimetres(scene.objects.get(id).extent_m);
     // Where it is in the picture: its number stands there.
-    data: { key: `object-${id}`, id, u: scene.middles.get(id)?.[0], v: scene.middles.get(id)?.[1], width: scene.width, height: scene.height },
-    "aria-pressed": String(id === query || anchors.includes(id)), title: centimetres(extent_m),
-    onclick: (event) => goal.pick(id, { shift: event.shiftKey }), onpointerenter: () => picture.lit(id), onpointerleave: () => picture.lit(0), onfocus: () => picture.lit(id), onblur: () => picture.lit(0),
-  }, el("i"), `Object ${id}`)));
+    Object.assign(button.dataset, { u, v, width: scene.width, height: scene.height });
+  });
 }
 
 function drawSeen() {
