@@ -239,11 +239,16 @@ function goalChanged() {
   drawObjects();
 }
 
-async function hold() {
+function hold() {
   isHeld = true;
   drawSeen();
+  connection.ask("hold", { scene_id: scene.id }).catch((refusal) => notice(refusal));
+  showHeld();
+}
+
+/** Shows the picture of the scene's own instant, where it came with it: the live one may be of a later. */
+async function showHeld() {
   const { tensors, id } = scene;
-  connection.ask("hold", { scene_id: id }).catch((refusal) => notice(refusal));
   if (!tensors.jpeg) return;
   const bitmap = await createImageBitmap(new Blob([tensors.jpeg], { type: "image/jpeg" }));
   // Let go of meanwhile, it is older than what is shown.
@@ -273,6 +278,7 @@ function segmented(message) {
   goal.rename(again);
   isHeld = true;
   adopt(found);
+  showHeld();
   const id = found.labels[v * found.width + u];
   notice(id ? undefined : { message: "Perception finds no object there." });
   if (id) goal.pick(id);
