@@ -125,6 +125,8 @@ export class World {
     // Beside the page, which goes on meanwhile.
     await renderer.compileAsync(this.scene, this.camera);
     this.renderer = renderer;
+    // A machine that slept, or whose driver started anew, takes all that was drawn with it. After the renderer's own listener, which makes it ready again.
+    this.canvas.addEventListener("webglcontextrestored", () => this.redraw());
     this.#resize();
     const frame = () => {
       if (this.#dirty && !document.hidden) {
