@@ -19,7 +19,7 @@ export function recovered(move, { outcome, reason, checked_against: scene, camer
 const gripperWords = ({ gripper_width_m: width, gripper_holding: isHolding, held }) => `gripper ${(1000 * width).toFixed(0)} mm${isHolding ? `, holding${held ? ` object ${held.object}` : ""}` : ""}`;
 
 export class Motion {
-  #robot; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0; #way = [];
+  #robot; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isRecovering = false; #recovered; #drawn = ""; #at = 0; #way = [];
 
   /** `execute()`, `reset(robot, stop)`, `recover(robot, move, unchecked)`, which resolves to how it ended, and `preview(t_ms)` are what its parts ask for. */
   constructor(box, actions) {
@@ -67,12 +67,15 @@ export class Motion {
 
   execution(execution) {
     this.#execution = execution;
-    this.#isMoving = !!execution && !execution.ended;
-    if (this.#isMoving) this.#recovered = undefined;
+    if (this.#moves) this.#recovered = undefined;
     this.render();
   }
 
-  get isMoving() { return this.#isMoving; }
+  /** Whether a robot of the cell carries something out. */
+  get isMoving() { return !!this.#execution && !this.#execution.ended; }
+  /** Whether that is not the robot that is shown. */
+  get #isOfAnother() { return !!this.#robot && !!this.#execution && this.#execution.robot !== this.#robot.robot; }
+  get #moves() { return this.isMoving && !this.#isOfAnother; }
   get isStopped() { return !!this.#robot?.state.stop; }
 
   render() {
@@ -87,13 +90,13 @@ export class Motion {
       state?.stop && this.#stopped(robot, state.stop),
       this.#execution && this.#phases(this.#execution));
     // A slider that is drawn anew is let go of: it is, where another plan is shown or another may carry it out.
-    const way = [this.#isMoving ? undefined : this.#plan, this.#mine, this.#may, this.isStopped];
+    const way = [this.#moves ? undefined : this.#plan, this.#mine, this.#may, this.isStopped];
     if (way.some((part, k) => part !== this.#way[k])) {
       this.#way = way;
-      fill(preview, this.#plan && !this.#isMoving && this.#preview(this.#plan));
+      fill(preview, this.#plan && !this.#moves && this.#preview(this.#plan));
     }
     fill(after,
-      state?.mode === "idle" && !this.#isMoving && this.#may && this.#recovery(robot),
+      state?.mode === "idle" && !this.#moves && this.#may && this.#recovery(robot),
       this.#fault && faultBox(this.#fault));
   }
 
@@ -126,14 +129,14 @@ export class Motion {
       el("div", {}, el("button", { type: "button", id: "reset", textContent: "Clear the stop", disabled: !this.#may, title: "The robot may move again (R)", onclick: () => this.actions.reset(robot, stop) })));
   }
 
-  #phases({ phases, phase, ended, query, said }) {
+  #phases({ robot, phases, phase, ended, query, said }) {
     const isDone = ended?.outcome?.outcome === "done";
     const at = (k) => (isDone || k < phase ? "done" : k > phase ? "" : ended ? "failed" : "now");
     const text = !ended ? `Moving object ${query}: ${plain(phases[phase] ?? "")}` : ended.outcome
       ? `${OUTCOMES[ended.outcome.outcome] ?? ended.outcome.outcome}${isDone ? "" : ` in ${plain(phases[phase] ?? "")}`}` : `Ended in ${plain(phases[phase] ?? "")}`;
     return el("div", { id: "execution" },
       el("ol", { className: "phases", "aria-hidden": "true" }, phases.map((name, k) => el("li", { className: at(k), title: plain(name) }))),
-      el("p", { className: "small", role: "status", id: "phase", textContent: text }),
+      el("p", { className: "small", role: "status", id: "phase", textContent: this.#isOfAnother ? `Robot ${robot}: ${text}` : text }),
       ended?.outcome?.reason && el("p", { className: "small fails", textContent: ended.outcome.reason }),
       said?.map((line) => el("p", { className: "small muted said", textContent: sentence(line) })),
       ended?.error && faultBox(ended.error));

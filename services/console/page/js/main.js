@@ -420,7 +420,8 @@ function chosenShown() {
   const shown = robots.get(robot), isStopped = !!shown?.state.stop && !isStale(shown.heardAt), button = byId("stop");
   motion.robot(shown);
   button.classList.toggle("latched", isStopped);
-  button.textContent = isStopped ? "Stopped" : "Stop";
+  // It stops one robot: of several it says which.
+  button.textContent = `${isStopped ? "Stopped" : "Stop"}${robots.size > 1 ? ` ${robot}` : ""}`;
 }
 
 function stop() {
