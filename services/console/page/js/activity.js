@@ -16,6 +16,9 @@ export function recovered(move, { outcome, reason, checked_against: scene, camer
   return { said: `${move === "home" ? "The arm is home" : "The hand has backed off"}; its way was checked against ${scene ? `the scene of camera ${camera}` : "itself and the keep-out zones only, not against its surroundings"}.` };
 }
 
+/** Whether a robot is stopped; it may be without saying why. */
+export const isStopped = (state) => state?.mode === "stopped" || !!state?.stop;
+
 const gripperWords = ({ gripper_width_m: width, gripper_holding: isHolding, held }) => `gripper ${(1000 * width).toFixed(0)} mm${isHolding ? `, holding${held ? ` object ${held.object}` : ""}` : ""}`;
 
 export class Motion {
@@ -76,7 +79,7 @@ export class Motion {
   /** Whether that is not the robot that is shown. */
   get #isOfAnother() { return !!this.#robot && !!this.#execution && this.#execution.robot !== this.#robot.robot; }
   get #moves() { return this.isMoving && !this.#isOfAnother; }
-  get isStopped() { return !!this.#robot?.state.stop; }
+  get isStopped() { return isStopped(this.#robot?.state); }
 
   render() {
     const { robot, state } = this.#robot ?? {}, [before, preview, after] = this.parts;
@@ -87,7 +90,7 @@ export class Motion {
         el("span", { className: "grow" }),
         state && el("span", { className: "muted small numbers", id: "gripper", textContent: gripperWords(state) })),
       !state && el("p", { className: "hint", textContent: "No robot tells its state." }),
-      state?.stop && this.#stopped(robot, state.stop),
+      this.isStopped && this.#stopped(robot, state.stop ?? undefined),
       this.#execution && this.#phases(this.#execution));
     // A slider that is drawn anew is let go of: it is, where another plan is shown or another may carry it out.
     const way = [this.#moves ? undefined : this.#plan, this.#mine, this.#may, this.isStopped];
@@ -125,7 +128,7 @@ export class Motion {
   }
 
   #stopped(robot, stop) {
-    return el("div", { className: "stopped" }, el("b", { textContent: "Stopped" }), `${sentence(stop.reason)} (${plain(stop.kind)})`,
+    return el("div", { className: "stopped" }, el("b", { textContent: "Stopped" }), stop ? `${sentence(stop.reason)} (${plain(stop.kind)})` : "The robot does not say why.",
       el("div", {}, el("button", { type: "button", id: "reset", textContent: "Clear the stop", disabled: !this.#may, title: "The robot may move again (R)", onclick: () => this.actions.reset(robot, stop) })));
   }
 

@@ -1,6 +1,6 @@
 // The page put together: what the console says goes to the parts, what the parts ask goes to the console.
 
-import { Motion, Sequence, recovered } from "./activity.js";
+import { Motion, Sequence, isStopped, recovered } from "./activity.js";
 import { STALE_MS, instantOf, isStale } from "./age.js";
 import { Arrangement } from "./arrangement.js";
 import { sceneOf } from "./bulk.js";
@@ -410,18 +410,18 @@ function robotShown(shown) {
     choices(byId("robot"), [...robots.keys()].sort(), robot);
   }
   world.showRobot(shown);
-  if (shown.robot === unheard && shown.state.stop && !isStale(shown.heardAt)) confirmed();
+  if (shown.robot === unheard && isStopped(shown.state) && !isStale(shown.heardAt)) confirmed();
   if (shown.robot === robot) chosenShown();
 }
 
 /** Shows the chosen robot as it was last heard of. */
 function chosenShown() {
   // A robot that has fallen silent may have been switched off and on since: its stop is none that anybody knows of now.
-  const shown = robots.get(robot), isStopped = !!shown?.state.stop && !isStale(shown.heardAt), button = byId("stop");
+  const shown = robots.get(robot), hasStopped = isStopped(shown?.state) && !isStale(shown.heardAt), button = byId("stop");
   motion.robot(shown);
-  button.classList.toggle("latched", isStopped);
+  button.classList.toggle("latched", hasStopped);
   // It stops one robot: of several it says which.
-  button.textContent = `${isStopped ? "Stopped" : "Stop"}${robots.size > 1 ? ` ${robot}` : ""}`;
+  button.textContent = `${hasStopped ? "Stopped" : "Stop"}${robots.size > 1 ? ` ${robot}` : ""}`;
 }
 
 function stop() {

@@ -26,3 +26,15 @@ test("what another robot of the cell carries out is said of that one, and keeps 
   assert.ok(!within(box, "execute") && !within(box, "recovery"), "it moves already");
   assert.ok(motion.isMoving);
 });
+
+test("a robot that is stopped and does not say why can be let go on", () => {
+  const resets = [], box = byId("stopped"), motion = new Motion(box, { reset: (...of) => resets.push(of) });
+  motion.may(true);
+  motion.robot(shown("left", { mode: "stopped" }));
+  assert.match(box.text, /does not say why/);
+  within(box, "reset").click();
+  const stop = { kind: "estop", reason: "a person is in the way", estop_id: "1" };
+  motion.robot(shown("left", { mode: "stopped", stop }));
+  within(box, "reset").click();
+  assert.deepEqual(resets, [["left", undefined], ["left", stop]]);
+});
