@@ -13,7 +13,7 @@ pub struct McpSettings {
     pub robot: String,
     /// Whether plans may be carried out.
     pub allow_execute: bool,
-    /// How long an agent's request may take; an execution takes as long as the arm does, after as long for its preparation and before as long for a look.
+    /// How long an agent's request may take. Of an execution it bounds the preparation, and the look afterwards; the arm takes its own time.
     pub deadline: Duration,
     /// How far the centroid of an object may be from where it was planned with, metres, for the scene to be the same.
     pub still_m: f64,
