@@ -232,6 +232,16 @@ impl WatchedCell {
         self.shared.scene(scene_id).await
     }
 
+    /// The same as viewers get it, without the frame that it was made of.
+    ///
+    /// # Errors
+    /// `not_found` when nobody has it any more; `invalid_argument` when its camera has no pose.
+    pub async fn view(&self, scene_id: &str) -> Result<SceneView, CallError> {
+        let scene = self.scene(scene_id).await?;
+        let (cell, scene_id, cloud_points) = (self.name().to_owned(), scene_id.to_owned(), self.shared.config.cloud_points);
+        computed(move || SceneView::new(ViewReason::Live, cell, scene_id, scene.into(), None, cloud_points)).await
+    }
+
     /// A view with the object that is seen at a pixel (column, row) of it, where perception can tell one there.
     ///
     /// # Errors
@@ -445,10 +455,12 @@ async fn follow_scenes(cell: Arc<Shared>, camera: String, mut summaries: Subscri
 
 async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
     let scene_id = summary.scene_id.clone();
-    if locked(&seen.views).back().is_some_and(|v| v.scene_id == scene_id) {
+    let picture = locked(&seen.pictures).iter().find(|p| p.stamp_ns == summary.stamp_ns).cloned();
+    // Where nothing changes the id stays: one that came before the first frame gets its picture from a later one, which shows the same.
+    let is_shown = |v: &Arc<SceneView>| v.scene_id == scene_id && (v.frame.is_some() || picture.is_none());
+    if locked(&seen.views).back().is_some_and(is_shown) {
         return;
     }
-    let picture = locked(&seen.pictures).iter().find(|p| p.stamp_ns == summary.stamp_ns).cloned();
     let (name, cloud_points) = (cell.name.clone(), cell.config.cloud_points);
     let made = async {
         let scene = cell.scene(&scene_id).await?;
@@ -459,6 +471,7 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
             let view = Arc::new(view);
             seen.audience.tell(&Topic::Scene, &ViewerMessage::View(view.clone()));
             let mut views = locked(&seen.views);
+            views.retain(|known| known.scene_id != view.scene_id);
             views.push_back(view);
             if views.len() > VIEWS {
                 views.pop_front();

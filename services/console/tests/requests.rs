@@ -9,7 +9,7 @@ use repose_console::ConsoleConfig;
 use repose_made_scenes::SceneBuilder;
 use repose_proto::motion::{ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, Payload, PlaceRequest, PlaceResult, Scene, Service};
+use repose_proto::{CallError, Frame, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_runtime::{Call, Handler, Server, Session, Traffic, now_ns};
 use serde_json::{Value, json};
 use serving::{Running, Socket, WITHIN, ask, heard, robot, socket, start};
@@ -186,10 +186,55 @@ async fn a_plan_is_shown_no_more_when_whoever_made_it_looks_at_another_cell() {
     let id = &planned["result"]["plan"];
     assert!(id.is_string(), "{planned}");
     heard(&mut other, |m| m["kind"] == "plan" && m["shown"]["plan"] == *id).await;
+    // Whose it is not cannot take it away.
+    answered(&mut other, json!({"id": 2, "ask": "discard", "plan": id})).await;
+    let mut late = socket(console.address, &[]).await.expect("a socket");
+    ask(&mut late, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let shown = heard(&mut late, |m| m["kind"] == "plan").await;
+    assert_eq!(shown["shown"]["plan"], *id);
     // The same cell's other camera is no other cell: the plan is still at hand there.
     answered(&mut planner, json!({"id": 3, "ask": "watch", "cell": "cell", "camera": "side"})).await;
     answered(&mut planner, json!({"id": 4, "ask": "watch", "cell": "far", "camera": "top"})).await;
     heard(&mut other, |m| m["kind"] == "plan" && m["shown"].is_null()).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_picture_that_a_page_held_before_its_connection_was_lost_is_held_again_while_perception_has_it() {
+    let (_console, world, mut viewer) = working_cell().await;
+    answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    while world.times("latest") == 0 {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    // Nobody was sent it over this connection.
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    let held = answered(&mut viewer, json!({"id": 2, "ask": "hold", "scene_id": scene_id})).await;
+    assert_eq!(held["kind"], "answer", "{held}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn where_nothing_moves_a_scene_that_came_before_its_frame_gets_it_from_a_later_one() {
+    let ((console, _servers), world, mut viewer) = working_cell().await;
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let cell = console.session.cell();
+    let frames = console.session.publisher(cell.camera_frame("front"), Traffic::Frame);
+    let summaries = console.session.publisher(cell.scene("front"), Traffic::Scene);
+    for id in 2.. {
+        // The same scene, seen again.
+        let scene = world.scene().expect("a scene");
+        let camera = scene.meta.camera.clone();
+        let frame = Frame::new("front".to_owned(), scene.stamp_ns, camera.clone(), vec![1000; camera.width * camera.height]);
+        frames.put(Payload::bulk(Frame::SCHEMA, &frame.to_bulk()).expect("encoded")).await.expect("put");
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        summaries.put(Payload::json(&scene.summary(scene_id.clone())).expect("encoded")).await.expect("put");
+        tokio::time::sleep(Duration::from_millis(600)).await;
+        let refused = answered(&mut viewer, json!({"id": id, "ask": "segment", "scene_id": scene_id, "pixel": [0, 0]})).await;
+        let why = refused["error"]["message"].as_str().expect("a reason");
+        if !why.contains("no longer at hand") {
+            return assert!(world.times("segment") > 0, "perception is asked: {refused}");
+        }
+        assert!(id < 20, "{refused}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -238,4 +283,27 @@ async fn an_arm_goes_back_unseen_only_where_that_is_asked_for_and_what_it_was_ch
     let scene_id = world.sees(WorldFrame::Extrinsics);
     let checked = answered(&mut viewer, recover(6, "home")).await;
     assert_eq!((&checked["result"]["checked_against"], &checked["result"]["camera"]), (&json!(scene_id), &json!("front")), "{checked}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_page_that_has_as_many_requests_open_as_may_be_can_give_one_up() {
+    let (_console, world, mut viewer) = working_cell().await;
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    let goal = json!([{"relation": "left_of", "anchor": 2, "holds": true}]);
+    let place = |id: u64| json!({"id": id, "ask": "place", "request": {"scene": {"scene_id": scene_id}, "query": 1, "goal": goal}});
+    for id in 10..26 {
+        ask(&mut viewer, place(id)).await;
+    }
+    let refused = answered(&mut viewer, place(26)).await;
+    assert_eq!(refused["error"]["code"], "resource_exhausted", "{refused}");
+    ask(&mut viewer, json!({"id": 30, "ask": "cancel", "request": 10})).await;
+    // Either may be told first.
+    for _ in 0..2 {
+        let told = heard(&mut viewer, |m| (m["id"] == 10 || m["id"] == 30) && m["kind"] != "progress").await;
+        match told["id"] == 30 {
+            true => assert_eq!(told["kind"], "answer", "{told}"),
+            false => assert_eq!(told["error"]["code"], "cancelled", "{told}"),
+        }
+    }
 }

@@ -79,28 +79,33 @@ impl Desk {
         self.moving.load(Ordering::Acquire)
     }
 
+    /// When what is begun now must have ended.
+    pub(crate) fn deadline(&self) -> Instant {
+        Instant::now() + self.settings.deadline
+    }
+
     /// The camera's newest view, kept under its handle.
-    pub(crate) async fn newest(&self) -> Result<Arc<ShownScene>, CallError> {
-        self.view_after(0).await
+    pub(crate) async fn newest(&self, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
+        self.view_after(0, deadline).await
     }
 
     /// The first view that was seen after an instant, kept under its handle.
-    pub(crate) async fn view_after(&self, instant_ns: u64) -> Result<Arc<ShownScene>, CallError> {
-        let (camera, deadline) = (&self.settings.camera, self.settings.deadline);
-        let give_up = Instant::now() + deadline;
+    async fn view_after(&self, instant_ns: u64, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
+        let camera = &self.settings.camera;
         loop {
-            let summary = fetch_newest(&self.perception, camera, &CallOptions::within(deadline)).await?;
+            let summary = fetch_newest(&self.perception, camera, &until(deadline)).await?;
             if summary.stamp_ns > instant_ns {
-                let scene = fetch_scene(&self.perception, &summary.scene_id, &CallOptions::within(deadline)).await?;
+                let scene = fetch_scene(&self.perception, &summary.scene_id, &until(deadline)).await?;
                 let seen = Arc::new(ShownScene { scene_id: summary.scene_id, scene });
                 // A scene that looks the same to the last point has the same id and a later stamp.
                 return Ok(self.scenes.keep_over(seen.clone().handle(), seen, |_| true));
             }
-            if Instant::now() >= give_up {
-                let message = format!("camera {camera} has shown nothing new in {} ms", deadline.as_millis());
+            let next = Instant::now() + LOOK_EVERY;
+            if next >= deadline {
+                let message = format!("camera {camera} has shown nothing new in time");
                 return Err(CallError::new(ErrorCode::DeadlineExceeded, message));
             }
-            tokio::time::sleep(LOOK_EVERY).await;
+            tokio::time::sleep_until(next).await;
         }
     }
 
@@ -113,9 +118,9 @@ impl Desk {
     }
 
     /// A view from now on, by the robot's clock, which is its cameras': this host's may be behind theirs.
-    pub(crate) async fn fresh(&self) -> Result<Arc<ShownScene>, CallError> {
+    pub(crate) async fn fresh(&self, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
         let state = self.robot_state().await?;
-        self.view_after(state.stamp_ns).await
+        self.view_after(state.stamp_ns, deadline).await
     }
 
     /// A view that was shown.
@@ -125,6 +130,11 @@ impl Desk {
     pub(crate) fn shown(&self, handle: &str) -> Result<Arc<ShownScene>, CallError> {
         self.scenes.get(handle).map_err(|_| CallError::not_found("scene", format!("scene {handle:?} is not at hand: look again")))
     }
+}
+
+/// A call that is one of several within a deadline.
+pub(crate) fn until(deadline: Instant) -> CallOptions {
+    CallOptions::within(deadline.saturating_duration_since(Instant::now()))
 }
 
 /// Computes beside the async threads.

@@ -17,11 +17,12 @@ use repose_sentences::fate;
 use repose_tracking::{Fate, Followed, changes, holds};
 use schemars::JsonSchema;
 use serde::Serialize;
+use tokio::time::Instant;
 
 use crate::answer::ToolResult;
 use crate::arguments::ExecuteArguments;
 use crate::asker::Asker;
-use crate::desk::{Desk, computed};
+use crate::desk::{Desk, computed, until};
 use crate::look::QUALITY;
 use crate::plan::moved_by;
 use crate::plans::Plan;
@@ -76,7 +77,7 @@ impl Desk {
         let (followed, motion) = tokio::select! {
             biased;
             () = cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "given up before anything has moved")),
-            prepared = self.prepared(&plan) => prepared?,
+            prepared = self.prepared(&plan, self.deadline()) => prepared?,
         };
         // From here on it may have moved something, whatever the answer is.
         self.plans().remove(&plan.id);
@@ -84,26 +85,27 @@ impl Desk {
         let reply = call_moving(&self.session, &self.motion, "execute", Payload::json(&motion)?, options).await?;
         let reply: ExecuteReply = reply.payload.decode_json()?;
         // It has moved: an agent that was told of an error would think that it has not.
-        match self.fresh().await {
+        match self.fresh(self.deadline()).await {
             Ok(seen) => computed(move || afterwards(&plan, reply, followed, &seen)).await,
             Err(why) => unseen(&plan, reply, &why),
         }
     }
 
     /// A motion that carries a plan out, from where the arm stands and on a fresh view, and which object is which in that view.
-    async fn prepared(&self, plan: &Arc<Plan>) -> Result<(Followed, MotionPlan), CallError> {
+    async fn prepared(&self, plan: &Arc<Plan>, deadline: Instant) -> Result<(Followed, MotionPlan), CallError> {
         let state = self.robot_state().await?;
         check_free(&self.settings().robot, &state)?;
-        let (seen, followed) = self.unchanged(plan).await?;
-        let motion = self.motion_plan(plan, &followed, &seen, &state).await?;
+        let (seen, followed) = self.unchanged(plan, deadline).await?;
+        let request = self.motion_request(plan, &followed, &seen, &state)?;
+        let motion = self.motion.plan_motion(&request, Some(&seen.scene), until(deadline)).await?;
         Ok((followed, motion))
     }
 
     /// A fresh view in which everything is where it was planned with, and which object is which in it.
-    async fn unchanged(&self, plan: &Arc<Plan>) -> Result<(Arc<ShownScene>, Followed), CallError> {
+    async fn unchanged(&self, plan: &Arc<Plan>, deadline: Instant) -> Result<(Arc<ShownScene>, Followed), CallError> {
         let mut differences = Vec::new();
         for _ in 0..VIEWS {
-            let seen = self.fresh().await?;
+            let seen = self.fresh(deadline).await?;
             differences = changes(&plan.seen.scene.meta.objects, &seen.scene.meta.objects, self.settings().still_m);
             if differences.is_empty() {
                 let plan = plan.clone();
@@ -120,13 +122,17 @@ impl Desk {
             .at("plan"))
     }
 
-    async fn motion_plan(&self, plan: &Plan, followed: &Followed, seen: &ShownScene, state: &RobotState) -> Result<MotionPlan, CallError> {
+    fn motion_request(
+        &self,
+        plan: &Plan,
+        followed: &Followed,
+        seen: &ShownScene,
+        state: &RobotState,
+    ) -> Result<MotionPlanRequest, CallError> {
         let (query, _) = followed.translated("plan", plan.query, &plan.goal)?;
         let placements = vec![plan.placement.placed_from_observed];
         let robot = self.settings().robot.clone();
-        let request =
-            MotionPlanRequest { seed: plan.seed, ..MotionPlanRequest::new(seen.scene_id.clone(), robot, query, placements, state.q_rad) };
-        self.motion.plan_motion(&request, Some(&seen.scene), CallOptions::within(self.settings().deadline)).await
+        Ok(MotionPlanRequest { seed: plan.seed, ..MotionPlanRequest::new(seen.scene_id.clone(), robot, query, placements, state.q_rad) })
     }
 }
 

@@ -60,7 +60,7 @@ impl Desk {
     /// # Errors
     /// What the cell says; `not_found` on `camera` where it has no scene.
     pub async fn look(&self, _: &LookArguments) -> Result<ToolResult, CallError> {
-        let seen = self.newest().await?;
+        let seen = self.newest(self.deadline()).await?;
         computed(move || {
             let looked = looked(&seen);
             let picture = jpeg_of(&with_numbered_outlines(&seen.scene)?, QUALITY)?;

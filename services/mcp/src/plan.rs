@@ -11,7 +11,7 @@ use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::place::{Placement, Rotation};
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, GoalTerm, Message, PlaceRequest, PlaceResult};
-use repose_runtime::{CallOptions, CancellationToken, reaching_robot};
+use repose_runtime::{CallOptions, reaching_robot};
 use repose_sentences::placement::{center_of, describe, merits, motion, relaxation, tally};
 use repose_words::{ObjectAppearance, Reason, RefusedSentence, find, looks_of, names_by_number, understand};
 use schemars::JsonSchema;
@@ -20,7 +20,7 @@ use serde::Serialize;
 use crate::answer::ToolResult;
 use crate::arguments::{Named, PlanArguments};
 use crate::asker::Asker;
-use crate::desk::{Desk, computed};
+use crate::desk::{Desk, computed, until};
 use crate::look::QUALITY;
 use crate::plans::Plan;
 use crate::seen::ShownScene;
@@ -80,10 +80,11 @@ impl Desk {
     ///
     /// # Errors
     /// `invalid_argument` and `not_found` that name the argument, with the objects in question where words are not clear; what the cell says.
-    pub async fn plan(&self, asked: &PlanArguments, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
+    pub async fn plan(&self, asked: &PlanArguments, asker: &Asker) -> Result<ToolResult, CallError> {
+        let deadline = self.deadline();
         let seen = match &asked.scene {
             Some(handle) => self.shown(handle)?,
-            None => self.newest().await?,
+            None => self.newest(deadline).await?,
         };
         let wish = {
             let (seen, asked) = (seen.clone(), asked.clone());
@@ -92,12 +93,11 @@ impl Desk {
         let state = self.robot_state().await;
         let request = self.request(asked, &seen, &wish, state.as_ref().ok());
         request.validate()?;
-        let options = CallOptions { cancel, ..CallOptions::within(self.settings().deadline) };
-        let (result, _) = self.planner.place(&request, Some(&seen.scene), options.clone()).await?;
+        let (result, _) = self.planner.place(&request, Some(&seen.scene), until(deadline)).await?;
         let arm = match (&state, result.placements.is_empty()) {
             (_, true) => None,
             (Err(error), false) => Some(Arm::Unasked(error.message.clone())),
-            (Ok(state), false) => Some(self.arm(&request, &result, &seen, state, options).await?),
+            (Ok(state), false) => Some(self.arm(&request, &result, &seen, state, until(deadline)).await?),
         };
         let (planned, plan) = judged(&wish, &seen, &result, arm, &request, asker);
         self.answer(planned, plan, &result, &seen).await

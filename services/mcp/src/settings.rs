@@ -13,7 +13,7 @@ pub struct McpSettings {
     pub robot: String,
     /// Whether plans may be carried out.
     pub allow_execute: bool,
-    /// How long a question to the cell may take; an execution may take longer.
+    /// How long an agent's request may take. Of an execution it bounds the preparation, and the look afterwards; the arm takes its own time.
     pub deadline: Duration,
     /// How far the centroid of an object may be from where it was planned with, metres, for the scene to be the same.
     pub still_m: f64,

@@ -152,12 +152,18 @@ pub async fn call(desk: &Desk, name: &str, arguments: Value, asker: &Asker, canc
 
 async fn carry_out(desk: &Desk, tool: Tool, given: Value, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
     match tool {
-        Tool::Look => desk.look(&read::<LookArguments>(given)?).await,
-        Tool::Plan => desk.plan(&read(given)?, asker, cancel).await,
+        Tool::Look => unless_given_up(&cancel, desk.look(&read::<LookArguments>(given)?)).await,
+        Tool::Plan => unless_given_up(&cancel, desk.plan(&read(given)?, asker)).await,
         Tool::Execute => desk.execute(&read(given)?, asker, cancel).await,
-        Tool::State => desk.state(&read::<StateArguments>(given)?).await,
+        Tool::State => unless_given_up(&cancel, desk.state(&read::<StateArguments>(given)?)).await,
         Tool::Stop => desk.stop(&read(given)?, asker).await,
     }
+}
+
+/// What only reads, given up wherever it is: a call that is dropped is given up at its worker, too.
+async fn unless_given_up<T>(cancel: &CancellationToken, asking: impl Future<Output = Result<T, CallError>>) -> Result<T, CallError> {
+    let given_up = || Err(CallError::new(ErrorCode::Cancelled, "given up by who asked"));
+    cancel.run_until_cancelled(asking).await.unwrap_or_else(given_up)
 }
 
 /// Arguments, with errors that name the field at fault.

@@ -3,13 +3,14 @@
 mod cell;
 
 use std::net::SocketAddr;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use cell::{Cell, asker, start};
-use repose_mcp::HttpSettings;
+use cell::{Cell, asker, start, start_with};
 use repose_mcp::answer::ToolResult;
 use repose_mcp::http::BoundServer;
 use repose_mcp::tools::call;
+use repose_mcp::{HttpSettings, McpSettings};
 use repose_proto::{CallError, ErrorCode};
 use repose_runtime::{CancellationToken, Shutdown};
 use serde_json::{Value, json};
@@ -224,6 +225,33 @@ async fn an_execution_that_is_given_up_while_it_is_prepared_moves_nothing_and_le
     cell.world.may_move.notify_one();
     let ended = ask(&cell, "execute", plan).await.expect("the plan is still there");
     assert_eq!((&ended.data["outcome"], cell.world.executions()), (&json!("done"), 1), "{}", ended.text);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plan_that_is_given_up_while_its_scene_is_fetched_ends_at_once() {
+    let cell = start(false).await;
+    cell.world.takes_ms.store(60_000, Ordering::SeqCst);
+    let given_up = CancellationToken::new();
+    let say = json!({"say": "put the red box left of the blue box"});
+    let asker = asker("one");
+    let both = async {
+        tokio::join!(call(&cell.desk, "plan", say, &asker, given_up.clone()), async {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            given_up.cancel();
+        })
+    };
+    let (ended, ()) = tokio::time::timeout(Duration::from_secs(20), both).await.expect("it does not wait for what nobody wants");
+    assert_eq!(refused(ended).0, ErrorCode::Cancelled);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn all_that_prepares_an_execution_is_within_one_deadline() {
+    let cell = start_with(McpSettings { allow_execute: true, deadline: Duration::from_secs(2), ..McpSettings::default() }).await;
+    let plan = json!({"plan": planned(&cell).await});
+    // A view and the arm's way, each of which alone is in time.
+    cell.world.takes_ms.store(1200, Ordering::SeqCst);
+    let (code, ..) = refused(ask(&cell, "execute", plan).await);
+    assert_eq!((code, cell.world.executions()), (ErrorCode::DeadlineExceeded, 0));
 }
 
 /// Posts a message as an agent does over HTTP; the answer is read from what comes back.

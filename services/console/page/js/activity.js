@@ -16,10 +16,13 @@ export function recovered(move, { outcome, reason, checked_against: scene, camer
   return { said: `${move === "home" ? "The arm is home" : "The hand has backed off"}; its way was checked against ${scene ? `the scene of camera ${camera}` : "itself and the keep-out zones only, not against its surroundings"}.` };
 }
 
+/** Whether a robot is stopped; it may be without saying why. */
+export const isStopped = (state) => state?.mode === "stopped" || !!state?.stop;
+
 const gripperWords = ({ gripper_width_m: width, gripper_holding: isHolding, held }) => `gripper ${(1000 * width).toFixed(0)} mm${isHolding ? `, holding${held ? ` object ${held.object}` : ""}` : ""}`;
 
 export class Motion {
-  #robot; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isMoving = false; #isRecovering = false; #recovered; #drawn = ""; #at = 0; #way = [];
+  #robot; #isSilent = false; #plan; #execution; #fault; #may = false; #playing; #isRecovering = false; #recovered; #drawn = ""; #at = 0; #way = [];
 
   /** `execute()`, `reset(robot, stop)`, `recover(robot, move, unchecked)`, which resolves to how it ended, and `preview(t_ms)` are what its parts ask for. */
   constructor(box, actions) {
@@ -67,13 +70,16 @@ export class Motion {
 
   execution(execution) {
     this.#execution = execution;
-    this.#isMoving = !!execution && !execution.ended;
-    if (this.#isMoving) this.#recovered = undefined;
+    if (this.#moves) this.#recovered = undefined;
     this.render();
   }
 
-  get isMoving() { return this.#isMoving; }
-  get isStopped() { return !!this.#robot?.state.stop; }
+  /** Whether a robot of the cell carries something out. */
+  get isMoving() { return !!this.#execution && !this.#execution.ended; }
+  /** Whether that is not the robot that is shown. */
+  get #isOfAnother() { return !!this.#robot && !!this.#execution && this.#execution.robot !== this.#robot.robot; }
+  get #moves() { return this.isMoving && !this.#isOfAnother; }
+  get isStopped() { return isStopped(this.#robot?.state); }
 
   render() {
     const { robot, state } = this.#robot ?? {}, [before, preview, after] = this.parts;
@@ -84,16 +90,16 @@ export class Motion {
         el("span", { className: "grow" }),
         state && el("span", { className: "muted small numbers", id: "gripper", textContent: gripperWords(state) })),
       !state && el("p", { className: "hint", textContent: "No robot tells its state." }),
-      state?.stop && this.#stopped(robot, state.stop),
+      this.isStopped && this.#stopped(robot, state.stop ?? undefined),
       this.#execution && this.#phases(this.#execution));
     // A slider that is drawn anew is let go of: it is, where another plan is shown or another may carry it out.
-    const way = [this.#isMoving ? undefined : this.#plan, this.#mine, this.#may, this.isStopped];
+    const way = [this.#moves ? undefined : this.#plan, this.#mine, this.#may, this.isStopped];
     if (way.some((part, k) => part !== this.#way[k])) {
       this.#way = way;
-      fill(preview, this.#plan && !this.#isMoving && this.#preview(this.#plan));
+      fill(preview, this.#plan && !this.#moves && this.#preview(this.#plan));
     }
     fill(after,
-      state?.mode === "idle" && !this.#isMoving && this.#may && this.#recovery(robot),
+      state?.mode === "idle" && !this.#moves && this.#may && this.#recovery(robot),
       this.#fault && faultBox(this.#fault));
   }
 
@@ -122,18 +128,18 @@ export class Motion {
   }
 
   #stopped(robot, stop) {
-    return el("div", { className: "stopped" }, el("b", { textContent: "Stopped" }), `${sentence(stop.reason)} (${plain(stop.kind)})`,
+    return el("div", { className: "stopped" }, el("b", { textContent: "Stopped" }), stop ? `${sentence(stop.reason)} (${plain(stop.kind)})` : "The robot does not say why.",
       el("div", {}, el("button", { type: "button", id: "reset", textContent: "Clear the stop", disabled: !this.#may, title: "The robot may move again (R)", onclick: () => this.actions.reset(robot, stop) })));
   }
 
-  #phases({ phases, phase, ended, query, said }) {
+  #phases({ robot, phases, phase, ended, query, said }) {
     const isDone = ended?.outcome?.outcome === "done";
     const at = (k) => (isDone || k < phase ? "done" : k > phase ? "" : ended ? "failed" : "now");
     const text = !ended ? `Moving object ${query}: ${plain(phases[phase] ?? "")}` : ended.outcome
       ? `${OUTCOMES[ended.outcome.outcome] ?? ended.outcome.outcome}${isDone ? "" : ` in ${plain(phases[phase] ?? "")}`}` : `Ended in ${plain(phases[phase] ?? "")}`;
     return el("div", { id: "execution" },
       el("ol", { className: "phases", "aria-hidden": "true" }, phases.map((name, k) => el("li", { className: at(k), title: plain(name) }))),
-      el("p", { className: "small", role: "status", id: "phase", textContent: text }),
+      el("p", { className: "small", role: "status", id: "phase", textContent: this.#isOfAnother ? `Robot ${robot}: ${text}` : text }),
       ended?.outcome?.reason && el("p", { className: "small fails", textContent: ended.outcome.reason }),
       said?.map((line) => el("p", { className: "small muted said", textContent: sentence(line) })),
       ended?.error && faultBox(ended.error));
@@ -177,9 +183,9 @@ export function areOf(steps, goals) {
 }
 
 export class Sequence {
-  #goals = []; #running; #fault; #may = false;
+  #goals = []; #running; #fault; #may = false; #isAsked = false;
 
-  /** `run(goals)`, `arrange(goals)` and `end()` are its buttons. */
+  /** `run(goals)`, which ends when it has begun, `arrange(goals)` and `end()` are its buttons. */
   constructor(box, actions) {
     this.box = box;
     this.actions = actions;
@@ -208,6 +214,16 @@ export class Sequence {
     this.render();
   }
 
+  /** Has the goals carried out; a second click comes before the cell tells what the first has begun. */
+  async #run() {
+    if (this.#isAsked) return;
+    [this.#isAsked, this.#fault] = [true];
+    this.render();
+    await this.actions.run(this.#goals).catch((refusal) => { this.#fault = refusal; });
+    this.#isAsked = false;
+    this.render();
+  }
+
   render() {
     const running = this.#running, isUnderWay = this.isUnderWay;
     fill(this.box,
@@ -225,7 +241,7 @@ export class Sequence {
           el("span", { textContent: `${goal.query} ${goal.goal.map(termWords).join(", ")}` }),
           el("button", { type: "button", className: "quiet small", textContent: "✕", "aria-label": `Remove goal ${k + 1}`, data: { key: `remove-${k}` }, onclick: () => { this.#goals.splice(k, 1); this.render(); } })))),
         el("div", { className: "row", style: "margin-top: 8px" },
-          el("button", { type: "button", className: "primary", id: "run", textContent: "One after another", disabled: !this.#may || isUnderWay, onclick: () => this.actions.run(this.#goals) }),
+          el("button", { type: "button", className: "primary", id: "run", textContent: "One after another", disabled: !this.#may || isUnderWay || this.#isAsked, onclick: () => this.#run() }),
           el("button", { type: "button", id: "arrange", textContent: "All together", title: "Find moves after which all of them hold", onclick: () => this.actions.arrange(this.#goals) }),
           el("button", { type: "button", className: "quiet small", textContent: "Clear", onclick: () => this.clear() }))],
       this.#fault && faultBox(this.#fault));

@@ -37,7 +37,7 @@ function conflictWords({ goals, proof, smallest }) {
 }
 
 export class Arrangement {
-  #asked; #answer; #request; #running; #fault; #may = false; #mayRun = false;
+  #asked; #answer; #request; #running; #fault; #may = false; #mayRun = false; #isBegun = false;
 
   /** `ask(request)`, whose promise has the request's `id`, `cancel(id)`, `run(request)` and `end()` are what its buttons do. */
   constructor(box, actions) {
@@ -82,9 +82,13 @@ export class Arrangement {
     this.render();
   }
 
+  /** Has it brought about; a second click comes before the cell tells what the first has begun. */
   async #run() {
-    this.#fault = undefined;
+    if (this.#isBegun) return;
+    [this.#isBegun, this.#fault] = [true];
+    this.render();
     await this.actions.run(this.#request).catch((refusal) => { this.#fault = refusal; });
+    this.#isBegun = false;
     this.render();
   }
 
@@ -124,7 +128,7 @@ export class Arrangement {
       needsView.length > 0 && el("p", { className: "small muted", id: "arranged-covered", textContent: `Covered in this view: the top of ${needsView.join(", ")}. Carried out together, the rest is planned when it is seen.` }),
       conflict && el("p", { className: "relax", id: "arranged-conflict", textContent: conflictWords(conflict) }),
       el("div", { className: "row", style: "margin-top: 8px" },
-        (outcome === "found" || needsView.length > 0) && moves.length > 0 && el("button", { type: "button", className: "primary", id: "run-arrangement", textContent: "Carry out together", disabled: !this.#mayRun || this.isUnderWay,
+        (outcome === "found" || needsView.length > 0) && moves.length > 0 && el("button", { type: "button", className: "primary", id: "run-arrangement", textContent: "Carry out together", disabled: !this.#mayRun || this.isUnderWay || this.#isBegun,
           title: "Move by move, each planned anew on a fresh view", onclick: () => this.#run() }),
         el("button", { type: "button", className: "quiet small", textContent: "Clear", onclick: () => this.clear() })),
     ];

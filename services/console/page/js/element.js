@@ -26,6 +26,14 @@ export function fill(element, ...children) {
   if (focused) element.querySelector(focused)?.focus();
 }
 
+/** Has one child for each key, in order, which `make(key)` makes and `update(child, key)` changes from then on. While the keys are the same the children are:
+ *  a button that is drawn anew between press and release is not clicked. */
+export function keep(element, keys, make, update) {
+  const same = keys.length === element.children.length && keys.every((key, k) => element.children[k].dataset.key === key);
+  if (!same) fill(element, keys.map((key) => { const child = make(key); child.dataset.key = key; return child; }));
+  keys.forEach((key, k) => update(element.children[k], key));
+}
+
 /** Fills a select with names, and keeps or sets what is chosen. */
 export function choices(select, names, chosen) {
   const same = names.length === select.options.length && names.every((name, i) => select.options[i].value === name);

@@ -1,11 +1,11 @@
 // The page put together: what the console says goes to the parts, what the parts ask goes to the console.
 
-import { Motion, Sequence, recovered } from "./activity.js";
+import { Motion, Sequence, isStopped, recovered } from "./activity.js";
 import { STALE_MS, instantOf, isStale } from "./age.js";
 import { Arrangement } from "./arrangement.js";
 import { sceneOf } from "./bulk.js";
 import { Connection } from "./connection.js";
-import { byId, choices, el, fill } from "./element.js";
+import { byId, choices, el, fill, keep } from "./element.js";
 import { Goal } from "./goal.js";
 import { followKeys } from "./keys.js";
 import { notice } from "./notice.js";
@@ -36,6 +36,8 @@ let cleared = 0;
 let isCarriedOut = false;
 /** Since when a camera is looked for. */
 let watchedAt;
+/** The robot whose stop nobody has confirmed. */
+let unheard;
 const robots = new Map();
 
 // The console. First, so that it answers while the parts are made.
@@ -70,7 +72,7 @@ const arrangement = new Arrangement(byId("arrangement"), {
   run: (request) => connection.ask("bring_about", { robot, request }).then(() => { sequence.clear(); goal.clear(); release(); }), end: () => connection.ask("end_sequence").catch((refusal) => notice(refusal, "bad")),
 });
 const sequence = new Sequence(byId("sequence"), { run: runSequence, arrange: (goals) => arrangement.find(goals), end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
-const system = new System(byId("system"), { newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), (refusal) => notice(refusal, "bad")) });
+const system = new System(byId("system"), { stop, newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), (refusal) => notice(refusal, "bad")) });
 
 function lit(rank) {
   placements.lit(rank);
@@ -118,8 +120,8 @@ function welcomed(welcome) {
   myPlan = undefined;
   planShown(undefined);
   if (motion.isMoving || sequence.isUnderWay || arrangement.isUnderWay) heardOfActivity({});
-  // What was held is known to the console no longer, once it has ended.
-  const released = () => { release(); notice({ message: "The console has ended meanwhile and knows the held picture no longer: choose the goal again." }); };
+  // The scenes of before are kept for a while.
+  const released = () => { release(); notice({ message: "The held picture is known no longer: choose the goal again." }); };
   watch().then((isWatched) => isWatched && isHeld && connection.ask("hold", { scene_id: scene.id }).catch(released));
 }
 
@@ -200,14 +202,21 @@ function adopt(next) {
 }
 
 function drawObjects() {
-  const { query, anchors } = goal.marks;
-  fill(byId("objects"), [...(scene?.objects.values() ?? [])].map(({ id, extent_m }) => el("button", {
-    type: "button", className: `chip ${id === query ? "query" : anchors.includes(id) ? "anchor" : ""}`, own: colorOf(id),
+  const { query, anchors } = goal.marks, ids = new Map([...(scene?.objects.keys() ?? [])].map((id) => [`object-${id}`, id]));
+  const chip = (key) => {
+    const id = ids.get(key);
+    return el("button", { type: "button", own: colorOf(id), data: { id },
+      onclick: (event) => goal.pick(id, { shift: event.shiftKey }), onpointerenter: () => picture.lit(id), onpointerleave: () => picture.lit(0), onfocus: () => picture.lit(id), onblur: () => picture.lit(0),
+    }, el("i"), `Object ${id}`);
+  };
+  keep(byId("objects"), [...ids.keys()], chip, (button, key) => {
+    const id = ids.get(key), [u, v] = scene.middles.get(id) ?? [];
+    button.className = `chip ${id === query ? "query" : anchors.includes(id) ? "anchor" : ""}`;
+    button.setAttribute("aria-pressed", String(id === query || anchors.includes(id)));
+    button.title = centimetres(scene.objects.get(id).extent_m);
     // Where it is in the picture: its number stands there.
-    data: { key: `object-${id}`, id, u: scene.middles.get(id)?.[0], v: scene.middles.get(id)?.[1], width: scene.width, height: scene.height },
-    "aria-pressed": String(id === query || anchors.includes(id)), title: centimetres(extent_m),
-    onclick: (event) => goal.pick(id, { shift: event.shiftKey }), onpointerenter: () => picture.lit(id), onpointerleave: () => picture.lit(0), onfocus: () => picture.lit(id), onblur: () => picture.lit(0),
-  }, el("i"), `Object ${id}`)));
+    Object.assign(button.dataset, { u, v, width: scene.width, height: scene.height });
+  });
 }
 
 function drawSeen() {
@@ -230,11 +239,16 @@ function goalChanged() {
   drawObjects();
 }
 
-async function hold() {
+function hold() {
   isHeld = true;
   drawSeen();
+  connection.ask("hold", { scene_id: scene.id }).catch((refusal) => notice(refusal));
+  showHeld();
+}
+
+/** Shows the picture of the scene's own instant, where it came with it: the live one may be of a later. */
+async function showHeld() {
   const { tensors, id } = scene;
-  connection.ask("hold", { scene_id: id }).catch((refusal) => notice(refusal));
   if (!tensors.jpeg) return;
   const bitmap = await createImageBitmap(new Blob([tensors.jpeg], { type: "image/jpeg" }));
   // Let go of meanwhile, it is older than what is shown.
@@ -264,6 +278,7 @@ function segmented(message) {
   goal.rename(again);
   isHeld = true;
   adopt(found);
+  showHeld();
   const id = found.labels[v * found.width + u];
   notice(id ? undefined : { message: "Perception finds no object there." });
   if (id) goal.pick(id);
@@ -395,23 +410,38 @@ function robotShown(shown) {
     choices(byId("robot"), [...robots.keys()].sort(), robot);
   }
   world.showRobot(shown);
+  if (shown.robot === unheard && isStopped(shown.state) && !isStale(shown.heardAt)) confirmed();
   if (shown.robot === robot) chosenShown();
 }
 
 /** Shows the chosen robot as it was last heard of. */
 function chosenShown() {
   // A robot that has fallen silent may have been switched off and on since: its stop is none that anybody knows of now.
-  const shown = robots.get(robot), isStopped = !!shown?.state.stop && !isStale(shown.heardAt), button = byId("stop");
+  const shown = robots.get(robot), hasStopped = isStopped(shown?.state) && !isStale(shown.heardAt), button = byId("stop");
   motion.robot(shown);
-  button.classList.toggle("latched", isStopped);
-  button.textContent = isStopped ? "Stopped" : "Stop";
+  button.classList.toggle("latched", hasStopped);
+  // It stops one robot: of several it says which.
+  button.textContent = `${hasStopped ? "Stopped" : "Stop"}${robots.size > 1 ? ` ${robot}` : ""}`;
 }
 
 function stop() {
+  const name = robot ?? "panda";
+  // What comes of it stands on the page behind.
+  system.close();
+  const unconfirmed = (why, field) => {
+    unheard = name;
+    notice({ message: `Stop: nobody has confirmed it${why}. If the robot goes on, press again, or use the switch beside it.`, field }, "stop");
+  };
   // Over a network that has gone nothing comes back for minutes.
-  const late = setTimeout(() => notice({ message: "Stop: nobody has confirmed it yet. If the robot goes on, use the switch beside it." }, "bad"), STALE_MS);
-  connection.stop(cell, robot ?? "panda", "stopped from the console").finally(() => clearTimeout(late))
-    .then(() => notice(), (refusal) => notice({ message: `Stop: ${refusal.message}`, field: refusal.field }, "bad"));
+  const late = setTimeout(() => unconfirmed(" yet"), STALE_MS);
+  connection.stop(cell, name, "stopped from the console").finally(() => clearTimeout(late))
+    .then(confirmed, ({ message, field }) => unconfirmed(`: ${message.replace(/\.$/, "")}`, field));
+}
+
+/** The robot has stopped, whoever says so. */
+function confirmed() {
+  unheard = undefined;
+  notice(undefined, "stop");
 }
 
 /** Clears the stop that is shown, and none that has latched since. */
@@ -428,8 +458,7 @@ async function recover(name, move, unchecked) {
 }
 
 function runSequence(goals) {
-  sequence.fault();
-  connection.ask("sequence", { scene_id: goals[0].scene.scene_id, robot, goals }).then(() => { goal.clear(); release(); }, (refusal) => sequence.fault(refusal));
+  return connection.ask("sequence", { scene_id: goals[0].scene.scene_id, robot, goals }).then(() => { goal.clear(); release(); });
 }
 
 function lookThrough(name) {
@@ -449,7 +478,7 @@ byId("follow").addEventListener("click", () => release());
 byId("open-system").addEventListener("click", () => system.open());
 byId("cell").addEventListener("change", ({ target }) => {
   cell = target.value;
-  [camera, robot, newest, scene, myPlan] = [];
+  [camera, robot, newest, scene, myPlan, unheard] = [];
   robots.clear();
   world.forget();
   // An idle cell says nothing of what is carried out in it.

@@ -70,9 +70,11 @@ export class Picture {
     new ResizeObserver(() => this.#draw()).observe(box);
   }
 
+  /** The pixel of the scene, whose outlines are drawn: the picture under them may be a newer one of another size. */
   #pixelAt(event) {
-    const box = this.over.getBoundingClientRect();
-    return [Math.floor((event.clientX - box.left) / box.width * this.base.width), Math.floor((event.clientY - box.top) / box.height * this.base.height)];
+    const box = this.over.getBoundingClientRect(), { width, height } = this.#scene ?? this.base;
+    const within = (share, count) => Math.min(count - 1, Math.max(0, Math.floor(share * count)));
+    return [within((event.clientX - box.left) / box.width, width), within((event.clientY - box.top) / box.height, height)];
   }
 
   #idAt(event) {

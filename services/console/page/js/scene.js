@@ -125,6 +125,8 @@ export class World {
     // Beside the page, which goes on meanwhile.
     await renderer.compileAsync(this.scene, this.camera);
     this.renderer = renderer;
+    // A machine that slept, or whose driver started anew, takes all that was drawn with it. After the renderer's own listener, which makes it ready again.
+    this.canvas.addEventListener("webglcontextrestored", () => this.redraw());
     this.#resize();
     const frame = () => {
       if (this.#dirty && !document.hidden) {
@@ -141,10 +143,8 @@ export class World {
 
   /** Looks at everything when there is more to see, until the viewer has turned the scene. */
   #fit() {
-    const shown = (this.#scene ? 1 : 0) + this.arms.size;
-    if (this.#isTurned || shown <= this.#fitted) return;
-    this.#fitted = shown;
-    this.look();
+    const shown = (this.boxes?.size ? 1 : 0) + this.arms.size;
+    if (!this.#isTurned && shown > this.#fitted && this.look()) this.#fitted = shown;
   }
 
   #resize() {
@@ -202,14 +202,14 @@ export class World {
     this.layers.surfaces.add(area, new THREE.Line(new THREE.BufferGeometry().setFromPoints(ring), new THREE.LineBasicMaterial({ color })));
   }
 
-  /** Looks from beside the sensor at the objects and the robots, from so far that all of them are in sight. */
+  /** Looks from beside the sensor at the objects and the robots, from so far that all of them are in sight; whether there are any. */
   look() {
-    if (!this.#scene || !this.boxes) return;
+    if (!this.#scene || !this.boxes) return false;
     const places = [];
     for (const { min, max } of this.boxes.values()) places.push(min, max);
     places.push(...this.#ghosts.map(middleOf));
     for (const { links } of this.arms.values()) links.forEach(({ matrix }) => places.push(new THREE.Vector3().setFromMatrixPosition(matrix)));
-    if (!places.length) return;
+    if (!places.length) return false;
     const center = new THREE.Box3().setFromPoints(places).getCenter(new THREE.Vector3());
     const { camera, view_yaw_rad: yaw } = this.#scene.meta;
     const eye = new THREE.Vector3().setFromMatrixPosition(matrixOf(camera.world_from_camera)).sub(center);
@@ -228,6 +228,7 @@ export class World {
     this.controls.target.copy(center);
     this.camera.position.copy(center).addScaledVector(away, distance);
     this.controls.update();
+    return true;
   }
 
   /** Marks the object to move and the anchors with boxes. */

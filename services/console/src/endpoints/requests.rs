@@ -97,6 +97,13 @@ impl Viewer {
         if let Ask::Seen { what } = ask {
             return self.outbox.seen(&if what == DrawnMessage::Picture { Topic::Picture } else { Topic::Scene });
         }
+        // None of the open ones: whoever has as many open as may be gives one up to ask for another.
+        if let Ask::Cancel { request } = ask {
+            if let Some(open) = self.eyes().open.get(&request) {
+                open.cancel();
+            }
+            return self.outbox.put(Topic::Answer(id), ServerMessage::Answer { id, result: Box::new(Answered::Done {}) }.encode());
+        }
         let cancel = CancellationToken::new();
         let refusal = {
             let mut eyes = self.eyes();
@@ -133,8 +140,8 @@ impl Viewer {
         match ask {
             Ask::Watch { cell, camera } => self.watch(id, &cell, camera.as_deref()).await,
             // Taken above.
-            Ask::Seen { .. } => Ok(Answered::Done {}),
-            Ask::Hold { scene_id } => self.hold(&scene_id),
+            Ask::Seen { .. } | Ask::Cancel { .. } => Ok(Answered::Done {}),
+            Ask::Hold { scene_id } => self.hold(&scene_id).await,
             Ask::Segment { scene_id, pixel } => self.segment(&scene_id, pixel).await,
             Ask::Place { request } => self.place(id, &request, cancel).await,
             Ask::Plan { scene_id, robot, query, placements, seed } => {
@@ -144,8 +151,10 @@ impl Viewer {
             }
             Ask::Execute { plan } => self.execute(&plan).await,
             Ask::Discard { plan } => {
-                self.eyes().plan.take_if(|known| known.id == plan);
-                self.cell()?.hide_plan(Some(&plan));
+                // Everybody in the cell is shown the id: one that is another's stays.
+                if self.eyes().plan.take_if(|known| known.id == plan).is_some() {
+                    self.cell()?.hide_plan(Some(&plan));
+                }
                 Ok(Answered::Done {})
             }
             Ask::Sequence { scene_id, robot, goals } => {
@@ -180,12 +189,6 @@ impl Viewer {
             Ask::NewScene { seed } => {
                 let request = Payload::json(&WorldResetRequest { seed })?;
                 self.cell()?.caller(Service::Simulator).call("reset", request, CallOptions::at_most_once(RESET)).await?;
-                Ok(Answered::Done {})
-            }
-            Ask::Cancel { request } => {
-                if let Some(open) = self.eyes().open.get(&request) {
-                    open.cancel();
-                }
                 Ok(Answered::Done {})
             }
         }
@@ -250,9 +253,13 @@ impl Viewer {
         Ok(Answered::Done {})
     }
 
-    fn hold(&self, scene_id: &str) -> Result<Answered, CallError> {
+    /// Keeps a scene; one that is at hand no longer, as after a connection that was lost for a while, as perception has it.
+    async fn hold(&self, scene_id: &str) -> Result<Answered, CallError> {
         let cell = self.cell()?;
-        let view = self.view(&cell, scene_id)?;
+        let view = match self.view(&cell, scene_id) {
+            Ok(view) => view,
+            Err(gone) => Arc::new(cell.view(scene_id).await.map_err(|_| gone)?),
+        };
         self.change_in(&cell, |eyes| eyes.held = Some(view))?;
         Ok(Answered::Done {})
     }
@@ -269,13 +276,14 @@ impl Viewer {
         }
     }
 
-    /// A scene of a cell that this viewer holds or may have on its screen.
+    /// A scene of a cell that this viewer holds or may have on its screen; where it came more than once, as it came with its frame.
     fn view(&self, cell: &WatchedCell, scene_id: &str) -> Result<Arc<SceneView>, CallError> {
         let eyes = self.eyes();
-        let is_it = |view: &&Arc<SceneView>| view.scene_id == scene_id && view.cell == cell.name();
-        let at_hand = eyes.held.iter().chain(&eyes.sent).find(is_it).cloned();
-        let shown = || eyes.camera.as_ref()?.view(scene_id).filter(|view| is_it(&view));
-        at_hand.or_else(shown).ok_or_else(|| CallError::not_found("scene_id", "this scene is no longer shown"))
+        let shown = eyes.camera.as_ref().and_then(|camera| camera.view(scene_id));
+        let known = eyes.held.iter().chain(&eyes.sent).chain(&shown).filter(|v| v.scene_id == scene_id && v.cell == cell.name());
+        // The first of those that are best.
+        let best = known.min_by_key(|view| view.frame.is_none());
+        best.cloned().ok_or_else(|| CallError::not_found("scene_id", "this scene is no longer shown"))
     }
 
     async fn segment(&self, scene_id: &str, pixel: [usize; 2]) -> Result<Answered, CallError> {

@@ -431,6 +431,13 @@ test("a narrow screen has everything, and the stop at the thumb", async () => {
   await phone.evaluate(() => scrollTo(0, 700));
   const box = await phone.locator("#stop").boundingBox();
   assert.ok(box.y > 0 && box.y + box.height <= 844 && box.height >= 44, JSON.stringify(box));
+  // What comes of it is in sight, too, wherever the page is scrolled to.
+  await phone.route("**/stop", (route) => route.abort());
+  await phone.click("#stop");
+  await textOf(phone, "#notice", /nobody has confirmed/);
+  const said = await phone.locator("#notice").boundingBox();
+  assert.ok(said.y >= 0 && said.y + said.height <= 844, JSON.stringify(said));
+  await phone.click("#notice button");
   await phone.evaluate(() => scrollTo(0, 0));
   await screenshot(phone, "11-phone", { fullPage: true });
   await phone.context().close();
@@ -440,11 +447,17 @@ test("the system is listed with its workers", async () => {
   await page.click("#open-system");
   const text = await textOf(page, "#workers", /planner/);
   for (const service of ["perception", "inference", "motion", "simulator"]) assert.ok(text.includes(service), service);
-  // It is drawn anew with every message; what is typed in it stays.
+  // Its rows are drawn anew with every message; what is typed in it stays.
   await page.fill("#scene-seed", "7");
-  const typed = await page.$("#scene-seed");
-  await page.waitForFunction((field) => !field.isConnected, typed);
+  const row = await page.$("#workers tbody tr");
+  await page.waitForFunction((row) => !row.isConnected, row);
   assert.deepEqual([await page.inputValue("#scene-seed"), await page.evaluate(() => document.activeElement.id)], ["7", "scene-seed"]);
   await screenshot(page, "12-system");
+  // The page behind cannot be clicked while it is open.
+  await page.route("**/stop", (route) => route.abort());
+  await page.click("#system-stop");
+  await textOf(page, "#notice", /nobody has confirmed/);
+  assert.ok(await page.locator("#system").isHidden(), "what comes of it is in sight");
+  await page.unroute("**/stop");
   assert.deepEqual(page.faults.filter((fault) => !/ERR_CONNECTION|WebSocket|Failed to load/.test(fault)), []);
 });

@@ -35,6 +35,8 @@ pub struct World {
     /// Tells that one has begun.
     pub has_begun: Notify,
     executions: AtomicU64,
+    /// How long the camera and motion take to answer, milliseconds.
+    pub takes_ms: AtomicU64,
 }
 
 impl World {
@@ -58,6 +60,10 @@ impl World {
     /// What stop is latched.
     pub fn stop(&self) -> Option<StopState> {
         self.stop.lock().expect("the stop").clone()
+    }
+
+    async fn waited(&self) {
+        tokio::time::sleep(Duration::from_millis(self.takes_ms.load(Ordering::SeqCst))).await;
     }
 
     fn scene(&self) -> Scene {
@@ -146,6 +152,7 @@ impl Handler for Worker {
     async fn call(&self, call: Call) -> Result<Payload, CallError> {
         match call.method.as_str() {
             "latest" => {
+                self.0.waited().await;
                 let scene = self.0.scene();
                 Payload::json(&scene.summary(scene.id()))
             }
@@ -158,7 +165,10 @@ impl Handler for Worker {
                 }
             }
             "place" => Payload::json(&self.0.place(&call.payload.decode_json()?)),
-            "plan" => Payload::json(&World::plan(&call.payload.decode_json()?)),
+            "plan" => {
+                self.0.waited().await;
+                Payload::json(&World::plan(&call.payload.decode_json()?))
+            }
             "execute" => {
                 let plan = call.payload.decode_json()?;
                 let reply = tokio::select! {
@@ -188,6 +198,10 @@ pub struct Cell {
 }
 
 pub async fn start(allow_execute: bool) -> Cell {
+    start_with(McpSettings { allow_execute, ..McpSettings::default() }).await
+}
+
+pub async fn start_with(settings: McpSettings) -> Cell {
     let session = Session::embedded().await.expect("a session");
     let world = Arc::new(World::default());
     *world.blocks.lock().expect("blocks") =
@@ -198,7 +212,7 @@ pub async fn start(allow_execute: bool) -> Cell {
         servers.push(session.start(service, Arc::new(Worker(world.clone()))).await.expect("a worker"));
     }
     robot(&session, world.clone()).await;
-    let desk = Desk::open(session.clone(), McpSettings { allow_execute, ..McpSettings::default() }).await.expect("a desk");
+    let desk = Desk::open(session.clone(), settings).await.expect("a desk");
     Cell { world, desk: Arc::new(desk), _servers: servers, _session: session }
 }
 
