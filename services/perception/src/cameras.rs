@@ -97,7 +97,7 @@ struct Waiting {
     arrived: Instant,
     /// When it came.
     came: Instant,
-    /// Its number among its camera's.
+    /// Its number.
     number: u64,
 }
 
