@@ -128,9 +128,12 @@ pub async fn fetch_newest(perception: &Caller, camera: &str, options: &CallOptio
 /// Those of [`fetch_scene_payload`].
 pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOptions) -> Result<Scene, CallError> {
     let request = SceneRequest { packed: perception.packs_scenes(), ..SceneRequest::new(scene_id) };
-    let payload = fetch_scene_payload(perception, &request, options).await?;
+    let Fetched { payload, stamp_ns } = fetch(perception, &request, options).await?;
     let is_packed = payload.is_packed();
-    let read = move || Scene::from_bulk(&payload.decode_bulk(Scene::SCHEMA)?);
+    let read = move || {
+        let scene = Scene::from_bulk(&payload.decode_bulk(Scene::SCHEMA)?)?;
+        Ok::<_, CallError>(Scene { stamp_ns: stamp_ns.unwrap_or(scene.stamp_ns), ..scene })
+    };
     match is_packed {
         // Unpacking takes tens of milliseconds.
         true => tokio::task::spawn_blocking(read).await.map_err(|e| CallError::internal(format!("a scene was lost: {e}")))?,
@@ -138,12 +141,23 @@ pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOpti
     }
 }
 
-/// A scene as it was sent. It comes in parts, several of them under way at once: a message that takes seconds keeps others from a slow link, and
-/// one that takes more than five ends the link, with everything that goes by it.
+/// A scene as it was sent; in packed form it may say when the same content was seen first. It comes in parts, several of them under way at once: a
+/// message that takes seconds keeps others from a slow link, and one that takes more than five ends the link, with everything that goes by it.
 ///
 /// # Errors
 /// `not_found` when no worker has the scene; those of [`Caller::call_any`].
 pub async fn fetch_scene_payload(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Payload, CallError> {
+    Ok(fetch(perception, request, options).await?.payload)
+}
+
+/// A scene's payload that came.
+struct Fetched {
+    payload: Payload,
+    /// When the scene was last seen to be so, where the payload may say when it was at first.
+    stamp_ns: Option<u64>,
+}
+
+async fn fetch(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Fetched, CallError> {
     let deadline = Instant::now() + options.deadline;
     let fetched = fetch_parts(perception, request, options, deadline).await;
     if !fetched.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
@@ -151,7 +165,8 @@ pub async fn fetch_scene_payload(perception: &Caller, request: &SceneRequest, op
     }
     // Workers of release 1 know scenes in plain form and whole only.
     let plain = Payload::json(&SceneRequest::new(&request.scene_id))?;
-    Ok(perception.call_any("scene", &plain, &options.until(deadline)).await?.payload)
+    let payload = perception.call_any("scene", &plain, &options.until(deadline)).await?.payload;
+    Ok(Fetched { payload, stamp_ns: None })
 }
 
 /// Bytes of a part. A router closes a link on which one message waits for five seconds: links of half a Mbit/s bear this, as does what TCP makes of
@@ -162,7 +177,7 @@ const PART_BYTES: u32 = 256 << 10;
 const PARTS_AT_ONCE: u32 = 16;
 
 /// A scene's payload, put together from its parts.
-async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &CallOptions, deadline: Instant) -> Result<Payload, CallError> {
+async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &CallOptions, deadline: Instant) -> Result<Fetched, CallError> {
     let ask = |k: u32| async move {
         let part = ByteRange { offset: k * PART_BYTES, length: PART_BYTES };
         let request = Payload::json(&SceneRequest { part: Some(part), ..request.clone() })?;
@@ -171,10 +186,11 @@ async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &Call
     let mut under_way: FuturesOrdered<_> = (0..PARTS_AT_ONCE).map(ask).collect();
     let mut next = PARTS_AT_ONCE;
     let mut bytes = Vec::new();
+    let mut stamp_ns = None;
     while let Some(answer) = under_way.next().await {
         let payload = answer?.payload;
         if payload.schema() != ScenePart::SCHEMA {
-            return Ok(payload);
+            return Ok(Fetched { payload, stamp_ns: None });
         }
         let part = ScenePart::from_payload(&payload)?;
         if part.offset != bytes.len() || part.bytes.is_empty() {
@@ -185,8 +201,10 @@ async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &Call
             )));
         }
         bytes.extend_from_slice(&part.bytes);
+        // That of when the scene was asked for; it may be seen again while its parts come.
+        stamp_ns = stamp_ns.or(part.stamp_ns);
         if bytes.len() == part.total_bytes {
-            return Ok(Payload { encoding: part.encoding, bytes: bytes.into() });
+            return Ok(Fetched { payload: Payload { encoding: part.encoding, bytes: bytes.into() }, stamp_ns });
         }
         if (next as usize) * (PART_BYTES as usize) < part.total_bytes {
             under_way.push_back(ask(next));

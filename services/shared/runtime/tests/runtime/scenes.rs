@@ -161,3 +161,31 @@ async fn workers_that_give_no_parts_give_the_whole() {
         assert!(largest > 4 << 20);
     }
 }
+
+/// A worker that has seen its scene again, at [`SEEN_AGAIN_NS`].
+struct SeenAgain(Payload);
+
+const SEEN_AGAIN_NS: u64 = 1_800_000_000_000_000_000;
+
+#[async_trait]
+impl Handler for SeenAgain {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        call.payload.decode_json::<SceneRequest>()?.answer_as_of(&self.0, SEEN_AGAIN_NS)
+    }
+
+    fn load(&self) -> WorkerLoad {
+        WorkerLoad::default()
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scene_that_was_seen_again_has_the_stamp_of_then() {
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let session = network.session().await;
+    let sent = large_scene();
+    let worker = Arc::new(SeenAgain(Payload::bulk(Scene::SCHEMA, &sent.to_bulk()).unwrap()));
+    let _server = session.start(Service::Perception, worker).await.unwrap();
+    let perception = session.caller(Service::Perception).await.unwrap();
+    let came = fetch_scene(&perception, &"0".repeat(64), &CallOptions::within(Duration::from_secs(20))).await.unwrap();
+    assert_eq!(came, Scene { stamp_ns: SEEN_AGAIN_NS, ..sent });
+}
