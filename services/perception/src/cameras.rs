@@ -9,6 +9,7 @@ pub mod names;
 pub mod newest;
 pub mod pace;
 
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -200,7 +201,8 @@ impl CameraFollower {
             return Ok(vec![self.session.subscribe_queue(&self.session.cell().camera_frames(), 16).await?]);
         }
         let mut subscriptions = Vec::new();
-        for camera in cameras {
+        // One that is named twice is one camera.
+        for camera in cameras.iter().collect::<BTreeSet<_>>() {
             keys::validate_chunk("cameras", camera).map_err(|e| RuntimeError::Config {
                 section: "perception".to_owned(),
                 file: None,

@@ -124,6 +124,20 @@ async fn a_frame_after_a_newer_one_is_late_and_changes_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_is_named_twice_is_followed_once() {
+    let following = Following::start(&["front", "front"], &["front"]).await;
+    let count = |counter: &std::sync::atomic::AtomicU64| counter.load(Ordering::SeqCst);
+    let (received, published) = (count(&following.counts().received), count(&following.counts().published));
+    for n in 1..=3 {
+        following.put("front", encoded(&frame("front", 1 + n))).await;
+        following.until(|counts| count(&counts.published) >= published + n).await;
+    }
+    following.settled().await;
+    assert_eq!(count(&following.counts().received), received + 3);
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_camera_whose_clock_was_ahead_is_heard_again() {
     let following = Following::start(&["front"], &["front"]).await;
     let published = following.counts().published.load(Ordering::SeqCst);
