@@ -29,7 +29,8 @@ const PACKED_BYTES: usize = 16 << 20;
 impl Endpoints {
     /// Answers from what a worker makes and keeps.
     pub fn new(worker: Arc<Worker>) -> Self {
-        Self { worker, packed: SceneStore::new(PACKED_SCENES, PACKED_BYTES, |scene| scene.payload.bytes.len()), packing: Mutex::default() }
+        let packed = SceneStore::beside_another(PACKED_SCENES, PACKED_BYTES, |scene| scene.payload.bytes.len());
+        Self { worker, packed, packing: Mutex::default() }
     }
 
     /// A frame to its scene, kept under its id.

@@ -23,6 +23,8 @@ pub struct SceneStore<T> {
     max_scenes: usize,
     max_bytes: usize,
     weigh: fn(&T) -> usize,
+    /// Whether the metric of how many scenes the worker holds is of this store.
+    is_counted: bool,
 }
 
 #[derive(Debug)]
@@ -37,7 +39,12 @@ impl<T> SceneStore<T> {
     /// kept, whatever its size.
     pub fn new(max_scenes: usize, max_bytes: usize, weigh: fn(&T) -> usize) -> Self {
         let held = Mutex::new(Held { scenes: LruCache::unbounded(), bytes: 0 });
-        Self { held, max_scenes: max_scenes.max(1), max_bytes, weigh }
+        Self { held, max_scenes: max_scenes.max(1), max_bytes, weigh, is_counted: true }
+    }
+
+    /// The same beside another store of the worker, for scenes of that one in another form: the metric of how many scenes it holds counts that one's.
+    pub fn beside_another(max_scenes: usize, max_bytes: usize, weigh: fn(&T) -> usize) -> Self {
+        Self { is_counted: false, ..Self::new(max_scenes, max_bytes, weigh) }
     }
 
     /// The scene of that id.
@@ -68,7 +75,7 @@ impl<T> SceneStore<T> {
             let Some((_, gone)) = held.scenes.pop_lru() else { break };
             held.bytes -= (self.weigh)(&gone);
         }
-        metrics::gauge!("repose_scenes_held").set(held.scenes.len() as f64);
+        self.count(&held);
         scene
     }
 
@@ -78,7 +85,7 @@ impl<T> SceneStore<T> {
         if let Some(gone) = held.scenes.pop(scene_id) {
             held.bytes -= (self.weigh)(&gone);
         }
-        metrics::gauge!("repose_scenes_held").set(held.scenes.len() as f64);
+        self.count(&held);
     }
 
     /// Keeps a scene that a request enclosed, in the form that `form` gives it. Hashes the scene: not for async code.
@@ -94,6 +101,12 @@ impl<T> SceneStore<T> {
     pub fn size(&self) -> (usize, usize) {
         let held = self.held();
         (held.scenes.len(), held.bytes)
+    }
+
+    fn count(&self, held: &Held<T>) {
+        if self.is_counted {
+            metrics::gauge!("repose_scenes_held").set(held.scenes.len() as f64);
+        }
     }
 
     fn held(&self) -> MutexGuard<'_, Held<T>> {
@@ -296,6 +309,8 @@ pub(crate) fn lacks_scene(error: &CallError) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use metrics_exporter_prometheus::PrometheusBuilder;
+
     use super::*;
 
     fn store(max_scenes: usize, max_bytes: usize) -> SceneStore<Vec<u8>> {
@@ -336,6 +351,22 @@ mod tests {
         assert_eq!(store.keep_over("a", bytes(3), |held| held.len() > 1).len(), 1);
         assert_eq!(store.keep_over("a", bytes(4), |held| held.len() == 1).len(), 4);
         assert_eq!(store.size(), (1, 4));
+    }
+
+    #[test]
+    fn a_store_beside_another_leaves_the_metric_to_that_one() {
+        let recorder = PrometheusBuilder::new().build_recorder();
+        metrics::with_local_recorder(&recorder, || {
+            let held = store(4, usize::MAX);
+            let packed = SceneStore::<Vec<u8>>::beside_another(4, usize::MAX, Vec::len);
+            for scene_id in ["a", "b", "c"] {
+                held.keep(scene_id, bytes(1));
+            }
+            packed.keep("a", bytes(1));
+            packed.let_go("a");
+        });
+        let told = recorder.handle().render();
+        assert!(told.contains("repose_scenes_held 3"), "{told}");
     }
 
     #[test]
