@@ -50,7 +50,7 @@ pub struct FrameCounts {
 }
 
 /// What became of a frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Became {
     Received,
     Dropped,
@@ -58,6 +58,18 @@ enum Became {
     Late,
     Failed,
     Published,
+}
+
+impl Became {
+    /// Of a frame that gave no scene.
+    fn of(error: &CallError) -> Self {
+        match error.code {
+            ErrorCode::DeadlineExceeded => Self::Late,
+            // Callers fill the queue.
+            ErrorCode::ResourceExhausted => Self::Dropped,
+            _ => Self::Failed,
+        }
+    }
 }
 
 impl FrameCounts {
@@ -313,8 +325,7 @@ impl CameraFollower {
         let (scene, times) = match outcome {
             Ok(made) => made,
             Err(error) => {
-                let became = if error.code == ErrorCode::DeadlineExceeded { Became::Late } else { Became::Failed };
-                self.counts.count(became, camera, 1);
+                self.counts.count(Became::of(&error), camera, 1);
                 tracing::warn!(camera, %error, "a frame gave no scene");
                 return;
             }
@@ -372,5 +383,17 @@ async fn time_comes(at: Option<Instant>) {
     match at {
         Some(at) => tokio::time::sleep_until(at.into()).await,
         None => std::future::pending().await,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_for_which_the_queue_has_no_room_was_dropped_and_is_not_at_fault() {
+        let became = |code: ErrorCode| Became::of(&CallError::new(code, ""));
+        let codes = [ErrorCode::ResourceExhausted, ErrorCode::DeadlineExceeded, ErrorCode::InvalidArgument];
+        assert_eq!(codes.map(became), [Became::Dropped, Became::Late, Became::Failed]);
     }
 }
