@@ -93,15 +93,17 @@ impl Parts {
 
 /// The scene of a view, with its masks and the surfaces that things stand on.
 fn scene(view: DepthView, frame: &Frame, masks: &CleanMasks, surfaces: Vec<SupportSurface>, settings: &Settings) -> Scene {
-    let DepthView { world_from_camera, world_frame, depth, coarse, readings, flying, is_sparse, robots, .. } = view;
+    let DepthView { world_from_camera, world_frame, depth, with_robots, coarse, readings, flying, is_sparse, robots, .. } = view;
     let cloud = Cloud::new(&depth, &world_from_camera, masks, frame.color.as_deref(), settings);
     let sight_m = unseen::sight_m(&coarse.depth_m, coarse.stride, frame, settings.max_depth_m);
     let rays = RayView { depth_m: &sight_m, camera: coarse.camera, world_from_camera: &world_from_camera };
     let space = unseen::space(&rays, &surfaces, &settings.unseen);
+    // What a robot covers goes on behind it.
+    let covers_m = if robots.bodies.is_empty() { depth.depth_m() } else { &with_robots };
+    let completeness = Completeness::measure(depth.depth_m(), covers_m, &masks.labels);
     let mut warnings = robots.warnings;
     warnings.extend(is_sparse.then(sparse_depth));
     warnings.extend(doubts(&surfaces, &depth, &coarse, world_frame, frame.labels.is_some(), settings));
-    let completeness = Completeness::measure(depth.depth_m(), &masks.labels);
     let pixels = depth.depth_m().pixels().len();
     let meta = SceneMeta {
         objects: told(summarise(&cloud.points, &cloud.labels, &completeness), &completeness, frame.labels.is_none()),
