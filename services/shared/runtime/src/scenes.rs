@@ -263,7 +263,8 @@ impl Caller {
         Ok((answer.payload.decode_json()?, answer))
     }
 
-    /// Asks motion for a plan, likewise.
+    /// Asks motion for a plan, likewise. A worker that holds the same content as it was seen long before, which its id does not tell, is sent the younger
+    /// sighting, too: a plan can be carried out for as long as its scene is young.
     ///
     /// # Errors
     /// Those of [`Caller::call_with_scene`].
@@ -273,8 +274,15 @@ impl Caller {
         scene: Option<&Scene>,
         options: CallOptions,
     ) -> Result<MotionPlan, CallError> {
-        let answer = self.call_with_scene("plan", scene, |scene| Payload::with_scene(request, scene), options).await?;
-        answer.payload.decode_json()
+        let deadline = Instant::now() + options.deadline;
+        let answer = self.call_with_scene("plan", scene, |scene| Payload::with_scene(request, scene), options.clone()).await?;
+        let plan: MotionPlan = answer.payload.decode_json()?;
+        // Half of its time is enough for a plan.
+        let older_ms = |scene: &Scene| scene.stamp_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
+        let Some(younger) = scene.filter(|&scene| older_ms(scene) > plan.max_scene_age_ms / 2) else { return Ok(plan) };
+        let again = self.call("plan", Payload::with_scene(request, Some(younger))?, options.until(deadline)).await;
+        // Where there is no time for another the first one stands, as old as it says.
+        again.map_or(Ok(plan), |answer| answer.payload.decode_json())
     }
 
     /// Calls with a request that names a scene by its id. A worker that lacks the scene is sent it whole, where it is at hand, within what is
