@@ -313,8 +313,11 @@ impl CameraFollower {
 
     /// One frame to its published scene.
     async fn publish(&self, camera: &str, frame: Waiting) {
-        self.worker.robots_heard().await;
-        let context = JobContext::new(frame.arrived + self.frame_timeout, CancellationToken::new());
+        let deadline = frame.arrived + self.frame_timeout;
+        // However long robots are waited for, half of the frame's time is left to make a scene of it.
+        let robots_may_take = deadline.saturating_duration_since(Instant::now()) / 2;
+        let _ = tokio::time::timeout(robots_may_take, self.worker.robots_heard()).await;
+        let context = JobContext::new(deadline, CancellationToken::new());
         let outcome = self.worker.segment(context, frame.payload, FrameOrigin::Camera).await.and_then(|(scene, times)| {
             let named = &scene.summary.camera;
             if named != camera {

@@ -45,7 +45,7 @@ pub struct PerceptionConfig {
     pub asked_for_ms: u64,
     /// How long the cell's first frame, and the first that is asked for after a pause, waits for a word of the robots, milliseconds: until then an arm in
     /// the picture is taken for objects, or for where it stood last. Raising it helps where robots are slow to connect, and keeps a cell without robots
-    /// waiting once.
+    /// waiting once. No frame waits for longer than half of `frame_timeout_ms`.
     pub robots_wait_ms: u64,
     /// How frames become scenes.
     pub segmentation: Settings,

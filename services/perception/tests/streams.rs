@@ -311,6 +311,19 @@ async fn a_frame_that_cannot_be_used_is_counted_and_the_next_one_is_not_held_up(
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn robots_that_are_waited_for_longer_than_a_frame_may_take_cost_no_frame() {
+    let patient = PerceptionConfig { robots_wait_ms: 3_600_000, frame_timeout_ms: 4000, ..config() };
+    let following = Following::start_as(patient, &["front"], &[]).await;
+    // The subscription may still be on its way.
+    while following.counts().received.load(Ordering::SeqCst) == 0 {
+        following.put("front", encoded(&frame("front", 1))).await;
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    following.until(|_| following.newest("front").is_some()).await;
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn the_first_frame_waits_for_the_robots_and_a_silent_robot_stays_where_it_stood() {
     let patient = PerceptionConfig { robots_wait_ms: 10_000, ..config() };
     let mut following = Following::start_as(patient, &["front"], &[]).await;
