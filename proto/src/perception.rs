@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use safetensors::Dtype;
 
 use crate::bulk::{Bulk, Tensor};
+use crate::frame::parse_stamp;
 use crate::keys::validate_chunk;
 use crate::{CallError, Message, Payload, SceneRef, limits};
 
@@ -64,6 +65,16 @@ impl SceneRequest {
     pub fn answer(&self, scene: &Payload) -> Result<Payload, CallError> {
         self.part.map_or_else(|| Ok(scene.clone()), |range| ScenePart::of(scene, range).to_payload())
     }
+
+    /// The same from a scene that was seen again at `stamp_ns`, nanoseconds since the Unix epoch, and whose bytes are those of an earlier time: a part
+    /// says when. Parts of a scene are asked for one by one, so that its bytes must not change between them.
+    ///
+    /// # Errors
+    /// As [`SceneRequest::answer`].
+    pub fn answer_as_of(&self, scene: &Payload, stamp_ns: u64) -> Result<Payload, CallError> {
+        let part = |range| ScenePart { stamp_ns: Some(stamp_ns), ..ScenePart::of(scene, range) };
+        self.part.map_or_else(|| Ok(scene.clone()), |range| part(range).to_payload())
+    }
 }
 
 /// A part of a scene's payload.
@@ -75,6 +86,8 @@ pub struct ScenePart {
     pub total_bytes: usize,
     /// Where the part begins.
     pub offset: usize,
+    /// When the scene was last seen to be so, nanoseconds since the Unix epoch, where its bytes may say when it was at first.
+    pub stamp_ns: Option<u64>,
     /// Its bytes.
     pub bytes: Vec<u8>,
 }
@@ -88,7 +101,7 @@ impl ScenePart {
         let total_bytes = scene.bytes.len();
         let offset = (range.offset as usize).min(total_bytes);
         let end = offset.saturating_add(range.length as usize).min(total_bytes);
-        Self { encoding: scene.encoding.clone(), total_bytes, offset, bytes: scene.bytes[offset..end].to_vec() }
+        Self { encoding: scene.encoding.clone(), total_bytes, offset, stamp_ns: None, bytes: scene.bytes[offset..end].to_vec() }
     }
 
     /// The part as a payload.
@@ -96,9 +109,10 @@ impl ScenePart {
     /// # Errors
     /// As [`Payload::bulk`].
     pub fn to_payload(&self) -> Result<Payload, CallError> {
+        let stamp_ns = self.stamp_ns.map(|stamp_ns| ("stamp_ns", stamp_ns.to_string()));
         let metadata =
             [("encoding", self.encoding.clone()), ("offset", self.offset.to_string()), ("total_bytes", self.total_bytes.to_string())];
-        let metadata = metadata.map(|(name, value)| (name.to_owned(), value)).into();
+        let metadata = metadata.into_iter().chain(stamp_ns).map(|(name, value)| (name.to_owned(), value)).collect();
         let tensors = [("bytes".to_owned(), Tensor::u8(&[self.bytes.len()], &self.bytes))].into();
         Payload::bulk(Self::SCHEMA, &Bulk { metadata, tensors })
     }
@@ -115,8 +129,9 @@ impl ScenePart {
             number.ok_or_else(|| CallError::invalid(name, format!("expected 0 to {}, got {given}", limits::MAX_MESSAGE_BYTES)))
         };
         let (_, bytes) = bulk.values::<u8>("bytes", Dtype::U8, "[n]", |shape| shape.len() == 1)?;
-        let part =
-            Self { encoding: bulk.text("encoding")?.to_owned(), total_bytes: number("total_bytes")?, offset: number("offset")?, bytes };
+        let stamp_ns = bulk.metadata.contains_key("stamp_ns").then(|| parse_stamp(&bulk)).transpose()?;
+        let (total_bytes, offset) = (number("total_bytes")?, number("offset")?);
+        let part = Self { encoding: bulk.text("encoding")?.to_owned(), total_bytes, offset, stamp_ns, bytes };
         if part.offset + part.bytes.len() > part.total_bytes {
             return Err(CallError::invalid("bytes", format!("the part ends behind the {} bytes of the whole", part.total_bytes)));
         }
@@ -160,10 +175,21 @@ mod tests {
     }
 
     #[test]
+    fn a_part_says_when_the_scene_was_seen_last_where_that_is_known() {
+        let range = ByteRange { offset: 0, length: 100 };
+        let request = SceneRequest { part: Some(range), ..SceneRequest::new("0".repeat(64)) };
+        let seen_again = ScenePart::from_payload(&request.answer_as_of(&scene(), u64::MAX).unwrap()).unwrap();
+        assert_eq!(seen_again, ScenePart { stamp_ns: Some(u64::MAX), ..part(0, 100) });
+        assert_eq!(part(0, 100).stamp_ns, None);
+        assert_eq!(SceneRequest::new("0".repeat(64)).answer_as_of(&scene(), 7).unwrap(), scene());
+    }
+
+    #[test]
     fn a_part_that_cannot_be_is_refused() {
-        let wrong = ScenePart { total_bytes: 10, offset: 5, bytes: vec![0; 6], encoding: String::new() };
+        let wrong = ScenePart { total_bytes: 10, offset: 5, stamp_ns: None, bytes: vec![0; 6], encoding: String::new() };
         assert_eq!(ScenePart::from_payload(&wrong.to_payload().unwrap()).unwrap_err().field.as_deref(), Some("bytes"));
-        let wrong = ScenePart { total_bytes: limits::MAX_MESSAGE_BYTES + 1, offset: 0, bytes: vec![], encoding: String::new() };
+        let wrong =
+            ScenePart { total_bytes: limits::MAX_MESSAGE_BYTES + 1, offset: 0, stamp_ns: None, bytes: vec![], encoding: String::new() };
         assert_eq!(ScenePart::from_payload(&wrong.to_payload().unwrap()).unwrap_err().field.as_deref(), Some("total_bytes"));
         let request = SceneRequest { part: Some(ByteRange { offset: 0, length: 0 }), ..SceneRequest::new("0".repeat(64)) };
         assert_eq!(request.validate().unwrap_err().field.as_deref(), Some("part.length"));

@@ -9,6 +9,7 @@ pub mod names;
 pub mod newest;
 pub mod pace;
 
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -49,7 +50,7 @@ pub struct FrameCounts {
 }
 
 /// What became of a frame.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Became {
     Received,
     Dropped,
@@ -57,6 +58,18 @@ enum Became {
     Late,
     Failed,
     Published,
+}
+
+impl Became {
+    /// Of a frame that gave no scene.
+    fn of(error: &CallError) -> Self {
+        match error.code {
+            ErrorCode::DeadlineExceeded => Self::Late,
+            // Callers fill the queue.
+            ErrorCode::ResourceExhausted => Self::Dropped,
+            _ => Self::Failed,
+        }
+    }
 }
 
 impl FrameCounts {
@@ -97,7 +110,7 @@ struct Waiting {
     arrived: Instant,
     /// When it came.
     came: Instant,
-    /// Its number among its camera's.
+    /// Its number.
     number: u64,
 }
 
@@ -200,7 +213,8 @@ impl CameraFollower {
             return Ok(vec![self.session.subscribe_queue(&self.session.cell().camera_frames(), 16).await?]);
         }
         let mut subscriptions = Vec::new();
-        for camera in cameras {
+        // One that is named twice is one camera.
+        for camera in cameras.iter().collect::<BTreeSet<_>>() {
             keys::validate_chunk("cameras", camera).map_err(|e| RuntimeError::Config {
                 section: "perception".to_owned(),
                 file: None,
@@ -299,8 +313,11 @@ impl CameraFollower {
 
     /// One frame to its published scene.
     async fn publish(&self, camera: &str, frame: Waiting) {
-        self.worker.robots_heard().await;
-        let context = JobContext::new(frame.arrived + self.frame_timeout, CancellationToken::new());
+        let deadline = frame.arrived + self.frame_timeout;
+        // However long robots are waited for, half of the frame's time is left to make a scene of it.
+        let robots_may_take = deadline.saturating_duration_since(Instant::now()) / 2;
+        let _ = tokio::time::timeout(robots_may_take, self.worker.robots_heard()).await;
+        let context = JobContext::new(deadline, CancellationToken::new());
         let outcome = self.worker.segment(context, frame.payload, FrameOrigin::Camera).await.and_then(|(scene, times)| {
             let named = &scene.summary.camera;
             if named != camera {
@@ -311,8 +328,7 @@ impl CameraFollower {
         let (scene, times) = match outcome {
             Ok(made) => made,
             Err(error) => {
-                let became = if error.code == ErrorCode::DeadlineExceeded { Became::Late } else { Became::Failed };
-                self.counts.count(became, camera, 1);
+                self.counts.count(Became::of(&error), camera, 1);
                 tracing::warn!(camera, %error, "a frame gave no scene");
                 return;
             }
@@ -370,5 +386,17 @@ async fn time_comes(at: Option<Instant>) {
     match at {
         Some(at) => tokio::time::sleep_until(at.into()).await,
         None => std::future::pending().await,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_for_which_the_queue_has_no_room_was_dropped_and_is_not_at_fault() {
+        let became = |code: ErrorCode| Became::of(&CallError::new(code, ""));
+        let codes = [ErrorCode::ResourceExhausted, ErrorCode::DeadlineExceeded, ErrorCode::InvalidArgument];
+        assert_eq!(codes.map(became), [Became::Dropped, Became::Late, Became::Failed]);
     }
 }

@@ -34,8 +34,8 @@ pub struct PerceptionConfig {
     pub scenes_kept: usize,
     /// Most bytes of those scenes. The older go first.
     pub scenes_kept_bytes: usize,
-    /// How long a camera's scene that nobody asks for can be asked for, milliseconds. Its newest can be for as long as there is no newer one; where
-    /// there is no room others go sooner. Raising it gives whoever has read an id more time, at about 5 MB for every scene of that time.
+    /// How long a camera's scene that nobody asks for can be asked for once there is a newer one, milliseconds; until then it can be however old it is.
+    /// Where there is no room it goes sooner. Raising it gives whoever has read an id more time, at about 5 MB for every scene of that time.
     pub unasked_kept_ms: u64,
     /// How often a frame of a stream becomes a scene while nobody asks for its camera's scenes, milliseconds; 0 makes one of every frame. A frame after
     /// a second's pause, and the last of a stream, become one whoever asks, and who asks after a pause gets that of the newest frame. Raising it saves
@@ -45,7 +45,7 @@ pub struct PerceptionConfig {
     pub asked_for_ms: u64,
     /// How long the cell's first frame, and the first that is asked for after a pause, waits for a word of the robots, milliseconds: until then an arm in
     /// the picture is taken for objects, or for where it stood last. Raising it helps where robots are slow to connect, and keeps a cell without robots
-    /// waiting once.
+    /// waiting once. No frame waits for longer than half of `frame_timeout_ms`.
     pub robots_wait_ms: u64,
     /// How frames become scenes.
     pub segmentation: Settings,

@@ -9,14 +9,15 @@ use repose_proto::{CallError, Payload, Scene};
 use repose_runtime::{Call, Handler, SceneStore, load_of};
 use tokio::sync::Mutex;
 
+use crate::newest_scenes::KeptScene;
 use crate::report::report;
 use crate::worker::{FrameOrigin, Worker};
 
 /// Answers `segment`, `latest` and `scene`.
 pub struct Endpoints {
     worker: Arc<Worker>,
-    /// The scenes that were asked for in packed form last.
-    packed: SceneStore<Payload>,
+    /// The scenes that were asked for in packed form last, as they were when they were packed.
+    packed: SceneStore<KeptScene>,
     /// Held while one is packed.
     packing: Mutex<()>,
 }
@@ -28,7 +29,8 @@ const PACKED_BYTES: usize = 16 << 20;
 impl Endpoints {
     /// Answers from what a worker makes and keeps.
     pub fn new(worker: Arc<Worker>) -> Self {
-        Self { worker, packed: SceneStore::new(PACKED_SCENES, PACKED_BYTES, |scene| scene.bytes.len()), packing: Mutex::default() }
+        let packed = SceneStore::beside_another(PACKED_SCENES, PACKED_BYTES, |scene| scene.payload.bytes.len());
+        Self { worker, packed, packing: Mutex::default() }
     }
 
     /// A frame to its scene, kept under its id.
@@ -52,18 +54,26 @@ impl Endpoints {
     /// A scene by its id, packed and in parts for whoever is at the end of a slow network.
     async fn scene(&self, call: &Call) -> Result<Payload, CallError> {
         let request: SceneRequest = call.payload.decode_json()?;
-        let plain = self.worker.scene(&request.scene_id)?.payload.clone();
+        let kept = self.worker.scene(&request.scene_id)?;
+        let stamp_ns = kept.summary.stamp_ns;
         if !request.packed {
-            return request.answer(&plain);
+            return request.answer_as_of(&kept.payload, stamp_ns);
         }
         // Several parts are asked for at once: the first packs, and the others wait for that.
         let _packing = self.packing.lock().await;
-        if let Ok(scene) = self.packed.get(&request.scene_id) {
-            return request.answer(&scene);
+        // The same content may have come again since it was packed. Parts of it may be under way, and say so; a whole one is packed anew.
+        let is_good = |packed: &Arc<KeptScene>| request.part.is_some() || packed.summary.stamp_ns == stamp_ns;
+        if let Some(packed) = self.packed.get(&request.scene_id).ok().filter(is_good) {
+            return request.answer_as_of(&packed.payload, stamp_ns);
         }
-        let packing = move || Payload::packed(Scene::SCHEMA, &plain.decode_bulk(Scene::SCHEMA)?);
-        let scene = tokio::task::spawn_blocking(packing).await.map_err(|e| CallError::internal(format!("packing was lost: {e}")))??;
-        request.answer(&self.packed.keep(&request.scene_id, Arc::new(scene)))
+        let packing = move || {
+            let payload = Payload::packed(Scene::SCHEMA, &kept.payload.decode_bulk(Scene::SCHEMA)?)?;
+            Ok::<_, CallError>(KeptScene { summary: kept.summary.clone(), payload })
+        };
+        let packed = tokio::task::spawn_blocking(packing).await.map_err(|e| CallError::internal(format!("packing was lost: {e}")))??;
+        let packed = Arc::new(packed);
+        self.packed.keep(&request.scene_id, packed.clone());
+        request.answer_as_of(&packed.payload, stamp_ns)
     }
 }
 

@@ -22,10 +22,16 @@ pub enum SegmentError {
         /// The nearest reading beyond it, metres.
         nearest_m: Option<f64>,
     },
+    /// Every reading is of a robot, or of what it holds.
+    #[error("all of the {readings} readings are of robots, or of what they hold: nothing else shows")]
+    RobotsOnly {
+        /// Readings before the robots were taken out.
+        readings: usize,
+    },
     /// Every reading lies in the band around some mask, or belongs to an object too small to be one.
     #[error("none of {readings} readings is left after cleaning {border_px} pixels around the borders of the labels")]
     NothingLeft {
-        /// Readings before cleaning.
+        /// Readings before cleaning, those of robots not among them.
         readings: usize,
         /// Radius that was cleaned, pixels.
         border_px: usize,
@@ -51,6 +57,7 @@ impl From<SegmentError> for CallError {
             SegmentError::Frame(error) => error,
             SegmentError::Pose(_) => Self::invalid("world_from_camera", message),
             SegmentError::NoReadings { .. } => Self::invalid("depth", message),
+            SegmentError::RobotsOnly { .. } => Self::invalid("robots", message),
             SegmentError::NothingLeft { .. } => Self::invalid("labels", message),
             SegmentError::NoSupport { .. } => Self::new(ErrorCode::FailedPrecondition, message).at("world_from_camera"),
         }

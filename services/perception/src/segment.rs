@@ -74,7 +74,10 @@ impl Parts {
         view.leave_out_held(&mut ids, settings);
         let coarse_labels = strided(&ids, view.stride);
         let masks = CleanMasks::new(ids, no_objects, view.depth.depth_m(), view.camera.fx as f32, settings);
-        let masks = masks.ok_or(SegmentError::NothingLeft { readings: view.readings, border_px: settings.borders.radius_px })?;
+        let masks = masks.ok_or_else(|| match view.depth.readings() {
+            0 => SegmentError::RobotsOnly { readings: view.readings - view.flying },
+            readings => SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px },
+        })?;
 
         let coarse_band = strided(&masks.band, view.stride);
         // What was left out is in the way, but no piece of furniture, unless it may well be one.
@@ -90,15 +93,17 @@ impl Parts {
 
 /// The scene of a view, with its masks and the surfaces that things stand on.
 fn scene(view: DepthView, frame: &Frame, masks: &CleanMasks, surfaces: Vec<SupportSurface>, settings: &Settings) -> Scene {
-    let DepthView { world_from_camera, world_frame, depth, coarse, readings, flying, is_sparse, robots, .. } = view;
+    let DepthView { world_from_camera, world_frame, depth, with_robots, coarse, readings, flying, is_sparse, robots, .. } = view;
     let cloud = Cloud::new(&depth, &world_from_camera, masks, frame.color.as_deref(), settings);
     let sight_m = unseen::sight_m(&coarse.depth_m, coarse.stride, frame, settings.max_depth_m);
     let rays = RayView { depth_m: &sight_m, camera: coarse.camera, world_from_camera: &world_from_camera };
     let space = unseen::space(&rays, &surfaces, &settings.unseen);
+    // What a robot covers goes on behind it.
+    let covers_m = if robots.bodies.is_empty() { depth.depth_m() } else { &with_robots };
+    let completeness = Completeness::measure(depth.depth_m(), covers_m, &masks.labels);
     let mut warnings = robots.warnings;
     warnings.extend(is_sparse.then(sparse_depth));
     warnings.extend(doubts(&surfaces, &depth, &coarse, world_frame, frame.labels.is_some(), settings));
-    let completeness = Completeness::measure(depth.depth_m(), &masks.labels);
     let pixels = depth.depth_m().pixels().len();
     let meta = SceneMeta {
         objects: told(summarise(&cloud.points, &cloud.labels, &completeness), &completeness, frame.labels.is_none()),
@@ -418,6 +423,27 @@ mod tests {
             .map(|i| 119.5 - f64::from(i / 320))
             .map(|up| if up > 0.0 { (0.5 * 262.0 / up * 1e4).min(6e4) as u16 } else { 0 });
         assert_eq!(field(Frame { depth: ceiling.collect(), labels: None, ..frame }).as_deref(), Some("world_from_camera"));
+    }
+
+    #[test]
+    fn a_hand_that_fills_the_picture_is_what_is_said_not_the_labels() {
+        let (mut frame, truth) = frame();
+        frame.camera.world_from_camera = Some(RigidTransform(to_row_major(&truth)));
+        frame.robots = vec![repose_proto::RobotInView {
+            name: "arm".to_owned(),
+            model: "panda".to_owned(),
+            joints_rad: repose_panda::READY,
+            gripper_width_m: 0.04,
+            holding: Some(false),
+            world_from_base: RigidTransform::IDENTITY,
+        }];
+        let mut settings = Settings::default();
+        // All that shows is this near to the arm.
+        (settings.self_filter.margin_m, settings.self_filter.look_m) = (10.0, 10.0);
+        let error = segment(&frame, &settings).unwrap_err();
+        let readings = frame.depth.iter().filter(|count| **count > 0).count();
+        assert!(matches!(error, SegmentError::RobotsOnly { readings: told } if told <= readings && told > readings / 2), "{error}");
+        assert_eq!(CallError::from(error).field.as_deref(), Some("robots"));
     }
 
     proptest! {

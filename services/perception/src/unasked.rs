@@ -7,16 +7,26 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Ids of scenes that came from cameras and were not asked for, the oldest first.
+/// Scenes that came from cameras and were not asked for, the oldest first.
 #[derive(Debug)]
 pub struct Unasked {
     kept: Duration,
     most: usize,
-    scenes: VecDeque<(Instant, String)>,
+    scenes: VecDeque<Waiting>,
+}
+
+/// A scene that nobody has asked for.
+#[derive(Debug)]
+struct Waiting {
+    id: String,
+    /// Whether it was its camera's newest when a scene came last.
+    was_newest: bool,
+    /// When it came; of one that was its camera's newest, when a newer one came in its place: until then `latest` told of it.
+    since: Instant,
 }
 
 impl Unasked {
-    /// None yet; each is to go once it is older than `kept` and its camera has a newer one, or once there are more than `most`.
+    /// None yet; each is to go once its camera has had a newer one for longer than `kept`, or once there are more than `most`.
     pub fn new(kept: Duration, most: usize) -> Self {
         Self { kept, most: most.max(1), scenes: VecDeque::new() }
     }
@@ -25,23 +35,30 @@ impl Unasked {
     /// newest of a camera. Returns the scenes whose time is over.
     pub fn came(&mut self, scene_id: &str, was_held: bool, is_newest: impl Fn(&str) -> bool, now: Instant) -> Vec<String> {
         if self.asked(scene_id) || !was_held {
-            self.scenes.push_back((now, scene_id.to_owned()));
+            self.scenes.push_back(Waiting { id: scene_id.to_owned(), was_newest: false, since: now });
+        }
+        for scene in &mut self.scenes {
+            let is_newest = is_newest(&scene.id);
+            if scene.was_newest && !is_newest {
+                scene.since = now;
+            }
+            scene.was_newest = is_newest;
         }
         let kept = self.kept;
-        let is_over = |(came, id): &(Instant, String)| now.duration_since(*came) > kept && !is_newest(id);
+        let is_over = |scene: &Waiting| !scene.was_newest && now.duration_since(scene.since) > kept;
         let (over, stay): (VecDeque<_>, VecDeque<_>) = std::mem::take(&mut self.scenes).into_iter().partition(is_over);
         self.scenes = stay;
-        let mut over: Vec<String> = over.into_iter().map(|(_, id)| id).collect();
+        let mut over: Vec<String> = over.into_iter().map(|scene| scene.id).collect();
         while self.scenes.len() > self.most {
-            let first = self.scenes.iter().position(|(_, id)| !is_newest(id)).unwrap_or(0);
-            over.extend(self.scenes.remove(first).map(|(_, id)| id));
+            let first = self.scenes.iter().position(|scene| !scene.was_newest).unwrap_or(0);
+            over.extend(self.scenes.remove(first).map(|scene| scene.id));
         }
         over
     }
 
     /// Somebody asked for a scene. Returns whether nobody had before.
     pub fn asked(&mut self, scene_id: &str) -> bool {
-        let at = self.scenes.iter().position(|(_, id)| id == scene_id);
+        let at = self.scenes.iter().position(|scene| scene.id == scene_id);
         at.and_then(|at| self.scenes.remove(at)).is_some()
     }
 }
@@ -60,9 +77,10 @@ mod tests {
         assert!(came(&mut unasked, "a", 0).is_empty());
         assert!(came(&mut unasked, "b", 1).is_empty());
         assert!(unasked.asked("a") && !unasked.asked("a"));
-        assert_eq!(came(&mut unasked, "c", 4), [""; 0], "b is three seconds old and no more");
-        assert_eq!(came(&mut unasked, "d", 9), ["b", "c"]);
-        let gone: Vec<String> = ["e", "f", "g"].iter().flat_map(|id| came(&mut unasked, id, 9)).collect();
+        assert_eq!(came(&mut unasked, "c", 4), [""; 0], "b was the newest until now");
+        assert_eq!(came(&mut unasked, "d", 7), [""; 0], "there is a newer one than b for three seconds and no more");
+        assert_eq!(came(&mut unasked, "e", 12), ["b", "c"]);
+        let gone: Vec<String> = ["f", "g"].iter().flat_map(|id| came(&mut unasked, id, 12)).collect();
         assert_eq!(gone, ["d"], "more than there is room for");
     }
 
@@ -79,7 +97,11 @@ mod tests {
             assert!(unasked.scenes.len() <= 3);
         }
         let later = start + Duration::from_secs(60);
-        assert!(unasked.came("next picture", false, |id| id == "next picture", later).contains(&"picture".to_owned()));
+        let is_picture = |gone: &[String]| gone.iter().any(|id| id == "picture");
+        let gone = unasked.came("next picture", false, |id| id == "next picture", later);
+        assert!(!is_picture(&gone), "who was told of it a moment ago asks for it now: {gone:?}");
+        let gone = unasked.came("a third", false, |id| id == "a third", later + Duration::from_secs(4));
+        assert!(is_picture(&gone), "{gone:?}");
     }
 
     #[test]

@@ -33,8 +33,8 @@ pub struct DepthView {
     pub world_frame: WorldFrame,
     /// The depth that is left.
     pub depth: DepthMap,
-    /// Pixels that had no reading before the robots' were taken out.
-    unread: Image<bool>,
+    /// The same before the robots' readings were taken out, metres.
+    pub with_robots: Image<f32>,
     /// Pixels that had a reading, …
     pub readings: usize,
     /// … and how many of them lie between two surfaces.
@@ -59,7 +59,7 @@ impl DepthView {
     pub fn of(frame: &Frame, settings: &Settings) -> Result<Self, SegmentError> {
         let Readings { camera, mut depth, readings, flying: Flying { removed: flying, is_sparse } } = Readings::of(frame, settings)?;
         let given_pose = frame.camera.world_from_camera.map(|pose| from_row_major(&pose.0)).transpose()?;
-        let unread = depth.depth_m().map(|z| z.is_nan());
+        let with_robots = depth.depth_m().clone();
         let robots = self_filter::remove(&mut depth, &camera, &frame.robots, given_pose.as_ref(), &settings.self_filter);
 
         let stride = coarse_stride(&camera, settings.coarse_columns);
@@ -70,7 +70,20 @@ impl DepthView {
             None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
         };
         let coarse = CoarsePicture::new(in_camera, &world_from_camera, &camera, stride, settings);
-        Ok(Self { camera, world_from_camera, world_frame, depth, unread, readings, flying, is_sparse, robots, is_labelled, stride, coarse })
+        Ok(Self {
+            camera,
+            world_from_camera,
+            world_frame,
+            depth,
+            with_robots,
+            readings,
+            flying,
+            is_sparse,
+            robots,
+            is_labelled,
+            stride,
+            coarse,
+        })
     }
 
     /// Whose each pixel is: as the frame says, else as it is found.
@@ -85,7 +98,8 @@ impl DepthView {
             return Ok(Found::objects(labels));
         }
         let colors = frame.color.clone().map(|colors| as_image(colors, &self.camera, "color")).transpose()?;
-        Ok(found(&self.coarse, &self.depth, &self.unread, colors.as_ref(), settings))
+        let unread = self.with_robots.map(|z| z.is_nan());
+        Ok(found(&self.coarse, &self.depth, &unread, colors.as_ref(), settings))
     }
 
     /// Takes out what a robot holds.

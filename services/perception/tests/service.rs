@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use common::{config, encoded, frame};
 use repose_perception::run;
-use repose_proto::perception::{LatestRequest, SceneRequest};
+use repose_proto::perception::{ByteRange, LatestRequest, ScenePart, SceneRequest};
 use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, CallOptions, Caller, Session, Shutdown, Traffic};
 
@@ -58,6 +58,26 @@ async fn a_segmented_frame_can_be_asked_for_by_its_id() {
     assert!(answer.timing_ms.contains_key("segment"));
     let request = Payload::json(&SceneRequest::new(scene.id())).unwrap();
     assert_eq!(running.call("scene", request).await.unwrap().payload, answer.payload);
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_packed_scene_that_is_seen_again_says_when_and_keeps_the_bytes_of_its_parts() {
+    let running = Running::start().await;
+    let mut parts = Vec::new();
+    for stamp_ns in [7, 8] {
+        let scene_id = scene_in(&running.call("segment", encoded(&frame("front", stamp_ns))).await.unwrap().payload).id();
+        let request = SceneRequest { packed: true, ..SceneRequest::new(scene_id) };
+        let of_part = SceneRequest { part: Some(ByteRange { offset: 0, length: 1 << 20 }), ..request.clone() };
+        let part = running.call("scene", Payload::json(&of_part).unwrap()).await.unwrap();
+        let part = ScenePart::from_payload(&part.payload).unwrap();
+        assert_eq!(part.stamp_ns, Some(stamp_ns));
+        parts.push(part.bytes);
+        let whole = running.call("scene", Payload::json(&request).unwrap()).await.unwrap();
+        assert!(whole.payload.is_packed());
+        assert_eq!(scene_in(&whole.payload).stamp_ns, stamp_ns);
+    }
+    assert_eq!(parts[0], parts[1], "others may be under way");
     running.stop().await;
 }
 

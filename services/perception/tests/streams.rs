@@ -124,6 +124,20 @@ async fn a_frame_after_a_newer_one_is_late_and_changes_nothing() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_camera_that_is_named_twice_is_followed_once() {
+    let following = Following::start(&["front", "front"], &["front"]).await;
+    let count = |counter: &std::sync::atomic::AtomicU64| counter.load(Ordering::SeqCst);
+    let (received, published) = (count(&following.counts().received), count(&following.counts().published));
+    for n in 1..=3 {
+        following.put("front", encoded(&frame("front", 1 + n))).await;
+        following.until(|counts| count(&counts.published) >= published + n).await;
+    }
+    following.settled().await;
+    assert_eq!(count(&following.counts().received), received + 3);
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_camera_whose_clock_was_ahead_is_heard_again() {
     let following = Following::start(&["front"], &["front"]).await;
     let published = following.counts().published.load(Ordering::SeqCst);
@@ -293,6 +307,19 @@ async fn a_frame_that_cannot_be_used_is_counted_and_the_next_one_is_not_held_up(
     };
     assert_eq!(summary.camera, "front");
     assert_eq!(following.newest("side"), Some(1));
+    following.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn robots_that_are_waited_for_longer_than_a_frame_may_take_cost_no_frame() {
+    let patient = PerceptionConfig { robots_wait_ms: 3_600_000, frame_timeout_ms: 4000, ..config() };
+    let following = Following::start_as(patient, &["front"], &[]).await;
+    // The subscription may still be on its way.
+    while following.counts().received.load(Ordering::SeqCst) == 0 {
+        following.put("front", encoded(&frame("front", 1))).await;
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    following.until(|_| following.newest("front").is_some()).await;
     following.stop().await;
 }
 

@@ -33,6 +33,8 @@ struct Paced {
     came_at: Option<Instant>,
     /// Whether its newest frame came after a pause.
     resumed: bool,
+    /// Frames that came.
+    frames: u64,
     /// Number of the newest frame that came, and of the newest that is done, whatever became of it.
     came: u64,
     done: u64,
@@ -60,21 +62,27 @@ pub struct Shown<'a> {
 pub struct Pace {
     settings: PaceSettings,
     of_cameras: BTreeMap<String, Paced>,
+    /// Frames of all cameras so far. They are numbered together: a camera that was forgotten and shows something anew would else begin again at 1, and
+    /// a frame of before that is done later would stand for many that came since.
+    frames: u64,
 }
 
 impl Pace {
     /// No camera is known yet.
     pub fn new(settings: PaceSettings) -> Self {
-        Self { settings, of_cameras: BTreeMap::new() }
+        Self { settings, of_cameras: BTreeMap::new(), frames: 0 }
     }
 
-    /// A frame came. Returns its number among its camera's.
+    /// A frame came. Returns its number, which grows with every frame of any camera.
     pub fn came(&mut self, camera: &str, now: Instant) -> u64 {
+        self.frames += 1;
+        let number = self.frames;
         let known = self.camera(camera, now);
         known.resumed = known.came_at.is_none_or(|before| now.duration_since(before) >= PAUSE);
         known.came_at = Some(now);
-        known.came += 1;
-        known.came
+        known.frames += 1;
+        known.came = number;
+        number
     }
 
     /// A frame is taken to be made a scene.
@@ -158,7 +166,7 @@ impl Pace {
     pub fn shown(&self) -> impl Iterator<Item = Shown<'_>> {
         self.of_cameras.iter().filter_map(|(camera, known)| {
             let scene = known.made.map(|made| (made, known.lag_ms));
-            Some(Shown { camera, frames: known.came, came_at: known.came_at?, scene })
+            Some(Shown { camera, frames: known.frames, came_at: known.came_at?, scene })
         })
     }
 
@@ -169,8 +177,18 @@ impl Pace {
                 self.of_cameras.iter().min_by_key(|(_, known)| (known.came_at.is_some(), known.touched)).map(|(name, _)| name.clone());
             silent.and_then(|name| self.of_cameras.remove(&name));
         }
-        let unknown =
-            Paced { touched: now, taken: None, asked: None, came_at: None, resumed: false, came: 0, done: 0, made: None, lag_ms: 0.0 };
+        let unknown = Paced {
+            touched: now,
+            taken: None,
+            asked: None,
+            came_at: None,
+            resumed: false,
+            frames: 0,
+            came: 0,
+            done: 0,
+            made: None,
+            lag_ms: 0.0,
+        };
         let known = self.of_cameras.entry(camera.to_owned()).or_insert(unknown);
         known.touched = now;
         known
@@ -267,7 +285,7 @@ mod tests {
     fn who_asks_after_a_pause_waits_for_the_newest_frame_and_others_do_not() {
         let (mut pace, at) = pace();
         assert_eq!(pace.asked("front", at(0)), None, "no frame has come");
-        let (mut pace, at) = (Pace { of_cameras: BTreeMap::new(), ..pace }, at);
+        let (mut pace, at) = (Pace::new(pace.settings), at);
         let first = pace.came("front", at(0));
         assert_eq!(pace.asked("front", at(1)), Some(first));
         pace.done("front", first);
@@ -285,8 +303,27 @@ mod tests {
         for (k, camera) in ["a", "b", "a", "c"].into_iter().enumerate() {
             pace.came(camera, at(k as u64));
         }
-        assert_eq!(pace.came("a", at(5)), 3);
-        assert!(pace.is_done("b", 1), "forgotten");
+        pace.came("a", at(5));
+        assert_eq!(pace.shown().map(|shown| (shown.camera, shown.frames)).collect::<Vec<_>>(), [("a", 3), ("c", 1)]);
+        assert!(pace.is_done("b", 2), "forgotten");
+    }
+
+    #[test]
+    fn a_frame_of_before_a_camera_was_forgotten_is_not_taken_for_its_newest() {
+        let (mut pace, at) = pace();
+        for ms in 0..50 {
+            pace.came("a", at(ms));
+        }
+        let old = pace.came("a", at(50));
+        for camera in ["b", "c", "a"] {
+            pace.came(camera, at(60));
+        }
+        // It was under way all the while.
+        pace.done("a", old);
+        let newest = pace.asked("a", at(70)).expect("the frame that came since is no scene yet");
+        assert!(newest > old && !pace.is_done("a", newest));
+        pace.done("a", newest);
+        assert!(pace.is_done("a", old) && pace.is_done("a", newest), "and who waited for the old one waits no longer");
     }
 
     #[test]
@@ -297,6 +334,7 @@ mod tests {
             pace.asked(camera, at(1 + k as u64));
         }
         assert!(pace.shown().any(|shown| shown.camera == "a"));
-        assert_eq!(pace.came("a", at(10)), 2);
+        pace.came("a", at(10));
+        assert_eq!(pace.shown().map(|shown| shown.frames).collect::<Vec<_>>(), [2]);
     }
 }

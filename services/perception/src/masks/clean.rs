@@ -35,8 +35,8 @@ pub struct CleanMasks {
 
 impl CleanMasks {
     /// Cleans the masks of `labels`; `depth_m` holds NaN where there is no reading, `focal_px` is the focal length of the same picture. The
-    /// masks in `no_objects` are taken out first. `None` where no reading of the background or of an object with enough of them lies outside
-    /// the bands.
+    /// masks in `no_objects` are taken out first. `None` where no reading of the background lies outside the bands, and no mask has enough of them
+    /// however little it is eroded.
     pub fn new(
         mut labels: Image<u16>,
         no_objects: BTreeMap<u16, LeftOutReason>,
@@ -52,16 +52,16 @@ impl CleanMasks {
         let masks = || (0u16..).zip(&tally.masks);
         let (kept, few): (Vec<_>, Vec<_>) =
             masks().filter(|(_, mask)| mask.pixels > 0).partition(|(id, mask)| *id == 0 || enough(mask.readings));
-        if kept.iter().all(|(_, mask)| mask.readings == 0) {
-            return None;
-        }
+        let is_bare = kept.iter().all(|(_, mask)| mask.readings == 0);
         let small: Vec<u16> = few.into_iter().map(|(id, _)| id).collect();
         let middles = thin::middles(&MaskedDepth { labels: &labels, depth_m, focal_px }, &band, &small, settings);
         middles.iter().for_each(|at| band.pixels_mut()[*at] = false);
-        if !small.is_empty() {
-            let too_small = narrow(&mut band, &labels, depth_m, &small, settings);
-            left_out.take(&mut labels, too_small.into_iter().map(|id| (id, LeftOutReason::TooSmall)).collect());
+        let too_small = narrow(&mut band, &labels, depth_m, &small, settings);
+        // What is eroded less may be all that there is: a pen before a wall that is too far away.
+        if is_bare && too_small.len() == small.len() {
+            return None;
         }
+        left_out.take(&mut labels, too_small.into_iter().map(|id| (id, LeftOutReason::TooSmall)).collect());
         if !small.is_empty() || !middles.is_empty() {
             tally = Tally::of(depth_m, &labels, &band);
         }
@@ -225,6 +225,15 @@ mod tests {
         assert_eq!((objects.len(), masks.left_out.reasons.len()), (limits::MAX_OBJECTS, 1200 - limits::MAX_OBJECTS));
         assert!((1..=10).all(|id| masks.left_out.reasons.get(&id) == Some(&LeftOutReason::TooMany)));
         assert_eq!(masks.available, 60 * 40 - 10, "all that was read stays in the scene");
+    }
+
+    #[test]
+    fn a_thin_thing_alone_with_nothing_read_behind_it_is_an_object() {
+        let pen = labels().map(|id| if *id == 2 { 2 } else { 0 });
+        let depth_m = pen.map(|id| if *id == 2 { 1.0 } else { f32::NAN });
+        let settings = Settings { min_object_points: 30, ..Settings::default() };
+        let masks = CleanMasks::new(pen, BTreeMap::new(), &depth_m, 60.0, &settings).unwrap();
+        assert_eq!((masks.readings[2], masks.left_out.reasons.len()), (38, 0));
     }
 
     #[test]

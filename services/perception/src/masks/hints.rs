@@ -125,7 +125,9 @@ fn split(labels: &mut Image<u16>, no_objects: &mut BTreeMap<u16, LeftOutReason>,
     }
     let second: Vec<usize> = readings.iter().filter(|(_, p)| is_second(&middles, p)).map(|(i, _)| *i).collect();
     let first: Vec<usize> = readings.iter().filter(|(_, p)| !is_second(&middles, p)).map(|(i, _)| *i).collect();
-    let fresh = labels.pixels().iter().copied().max()?.checked_add(1)?;
+    // What is no object keeps its number and its reason though no pixel may be left of it.
+    let told = no_objects.keys().copied();
+    let fresh = labels.pixels().iter().copied().chain(told).max()?.checked_add(1)?;
     for i in if second.len() <= first.len() { second } else { first } {
         labels.pixels_mut()[i] = fresh;
     }
@@ -170,6 +172,17 @@ mod tests {
         let (labels, _) = followed(&SegmentHints { split: vec![2], ..SegmentHints::default() }).unwrap();
         let counts = [2, 4].map(|id| labels.pixels().iter().filter(|other| **other == id).count());
         assert!(counts[0] + counts[1] == 400 && counts[1] >= 150, "{counts:?}");
+    }
+
+    #[test]
+    fn a_part_that_was_split_off_is_not_taken_for_something_that_was_left_out() {
+        let (mut labels, mut no_objects, depth) = picture();
+        // Nothing shows of it any more.
+        no_objects.insert(4, LeftOutReason::Unconfirmed);
+        let hints = SegmentHints { split: vec![2], ..SegmentHints::default() };
+        follow(&mut labels, &mut no_objects, &depth, &hints).unwrap();
+        let ids: BTreeSet<u16> = labels.pixels().iter().copied().collect();
+        assert_eq!(ids, BTreeSet::from([0, 1, 2, 3, 5]));
     }
 
     #[test]

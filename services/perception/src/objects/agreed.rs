@@ -42,8 +42,10 @@ pub fn put_right(geometry: &Found, seen: &Image<u16>, in_camera: &PointMap, in_w
         if few { Some(LeftOutReason::TooSmall) } else { (longest_m > settings.components.max_extent_m).then_some(LeftOutReason::TooLarge) }
     };
     let judged: Vec<(u16, Option<LeftOutReason>)> = points.iter().map(|(id, points)| (*id, reason(*id, points))).collect();
-    let (mut objects, others): (Vec<_>, Vec<_>) = judged.into_iter().partition(|(_, reason)| reason.is_none());
+    let (mut objects, mut others): (Vec<_>, Vec<_>) = judged.into_iter().partition(|(_, reason)| reason.is_none());
     objects.sort_by_key(|(id, _)| (std::cmp::Reverse(points[id].len()), *id));
+    let surplus = objects.drain(settings.components.max_count.min(objects.len())..);
+    others.extend(surplus.map(|(id, _)| (id, Some(LeftOutReason::TooMany))));
     let mut numbers = BTreeMap::from([(0, 0)]);
     let (mut no_objects, mut furniture) = (BTreeMap::new(), BTreeSet::new());
     for ((id, reason), number) in objects.into_iter().chain(others).zip(1u16..) {
@@ -139,6 +141,14 @@ mod tests {
         narrow.components.max_extent_m = 0.02;
         let found = together(&Found::objects(picture(&["0000000000"])), &picture(&["1111110000"]), &narrow);
         assert_eq!(found.no_objects[&1], LeftOutReason::TooLarge);
+    }
+
+    #[test]
+    fn of_more_objects_than_are_asked_for_the_largest_are_kept() {
+        let mut settings = settings();
+        settings.components.max_count = 2;
+        let found = together(&Found::objects(picture(&["0000000000"; 2])), &picture(&["1122220333"; 2]), &settings);
+        assert_eq!((found.ids, found.no_objects), (picture(&["3311110222"; 2]), BTreeMap::from([(3, LeftOutReason::TooMany)])));
     }
 
     #[test]

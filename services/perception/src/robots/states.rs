@@ -60,7 +60,8 @@ impl RobotStates {
     }
 
     /// All robots at an instant: one that told nothing near it is taken to stand where it told last (or first) that it stood, which is said unless it
-    /// told before and after that it stands there. An arm whose driver has died is still there.
+    /// told before and after that it stands there. An arm whose driver has died is still there. One that does not say where its base stands is left
+    /// out, and that is said.
     pub fn at_or_nearest(&self, stamp_ns: u64) -> (Vec<RobotInView>, Vec<SceneWarning>) {
         let (mut robots, mut warnings) = (Vec::new(), Vec::new());
         for (name, states) in &self.by_robot {
@@ -69,7 +70,13 @@ impl RobotStates {
                 continue;
             }
             let Some(nearest) = states.iter().min_by_key(|state| state.stamp_ns.abs_diff(stamp_ns)) else { continue };
-            let Some(robot) = standing(name, nearest, nearest.q_rad, nearest.gripper_width_m) else { continue };
+            let Some(robot) = standing(name, nearest, nearest.q_rad, nearest.gripper_width_m) else {
+                let message = format!(
+                    "robot {name} does not say where its base stands (world_from_base): nobody can tell what shows of it from the rest of the picture"
+                );
+                warnings.push(SceneWarning { field: "robots".to_owned(), message });
+                continue;
+            };
             if stood(states, stamp_ns) {
                 robots.push(robot);
                 continue;
@@ -164,6 +171,18 @@ mod tests {
         }
         assert!(at(2_000_000_000).is_empty());
     }
+
+    #[test]
+    fn a_robot_that_does_not_say_where_it_stands_is_left_out_and_that_is_said() {
+        let mut states = RobotStates::new(Duration::from_secs(1));
+        states.put("unplaced", state(1_000_000_000, 0.0, None));
+        for stamp_ns in [1_010_000_000, 9_000_000_000] {
+            let (robots, warnings) = states.at_or_nearest(stamp_ns);
+            assert!(robots.is_empty() && warnings.len() == 1, "{robots:?} {warnings:?}");
+            assert!(warnings[0].field == "robots" && warnings[0].message.contains("unplaced"), "{warnings:?}");
+        }
+    }
+
     #[test]
     fn a_robot_that_fell_silent_stands_where_it_stood_and_that_is_said() {
         let mut states = RobotStates::new(Duration::from_secs(1));

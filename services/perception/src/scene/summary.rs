@@ -73,12 +73,13 @@ struct Tally {
 }
 
 impl Completeness {
-    /// Measured on masks before their borders are removed; `depth_m` holds NaN where there is no reading.
-    pub fn measure(depth_m: &Image<f32>, labels: &Image<u16>) -> Self {
+    /// Measured on masks before their borders are removed; `depth_m` holds NaN where there is no reading, and so does `covers_m`, where what was
+    /// taken out of the picture still may cover something.
+    pub fn measure(depth_m: &Image<f32>, covers_m: &Image<f32>, labels: &Image<u16>) -> Self {
         let most = labels.pixels().iter().copied().max().unwrap_or(0);
         let mut tallies = vec![Tally::default(); usize::from(most) + 1];
         let (width, height) = (labels.width(), labels.height());
-        let (depths, ids) = (depth_m.pixels(), labels.pixels());
+        let (depths, covers, ids) = (depth_m.pixels(), covers_m.pixels(), labels.pixels());
         for (i, &id) in ids.iter().enumerate() {
             if id == 0 {
                 continue;
@@ -103,7 +104,7 @@ impl Completeness {
                     Some(j) if ids[j] != id => {
                         tally.outline += 1;
                         // With either reading missing this is false: an edge in the sensor's shadow counts as seen.
-                        tally.cut += u32::from(depths[j] + COVER_STEP_M < depths[i]);
+                        tally.cut += u32::from(covers[j] + COVER_STEP_M < depths[i]);
                         tally.unsure += u32::from(ids[j] != 0 && (depths[j] - depths[i]).abs() < COVER_STEP_M);
                     }
                     Some(_) => {}
@@ -147,7 +148,7 @@ mod tests {
             }
         }
         depth_m[(7, 7)] = f32::NAN;
-        Completeness::measure(&depth_m, &labels)
+        Completeness::measure(&depth_m, &depth_m, &labels)
     }
 
     #[test]
@@ -162,6 +163,23 @@ mod tests {
         assert!((covered.of(1) - (1.0 - 6.0 / 20.0)).abs() < 1e-9 && covered.of(2) == 1.0);
         assert!((measured(&[(1, 1.0, 0..5, 8..13)]).of(1) - 0.75).abs() < 1e-9);
         assert!((measured(&[(1, 1.0, 6..8, 6..8)]).of(1) - 0.75).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_arm_that_was_taken_out_of_the_picture_covers_what_is_behind_it() {
+        let of = |arm_m: f32| {
+            let (mut depth_m, mut labels) = (Image::filled(20, 20, 2.0), Image::filled(20, 20, 0));
+            for (u, v) in (8..14).flat_map(|v| (8..14).map(move |u| (u, v))) {
+                (depth_m[(u, v)], labels[(u, v)]) = (1.0, 4);
+            }
+            let mut covers_m = depth_m.clone();
+            for (u, v) in (12..15).flat_map(|v| (0..20).map(move |u| (u, v))) {
+                (depth_m[(u, v)], covers_m[(u, v)], labels[(u, v)]) = (f32::NAN, arm_m, 0);
+            }
+            Completeness::measure(&depth_m, &covers_m, &labels).of(4)
+        };
+        assert!((of(0.7) - (1.0 - 6.0 / 20.0)).abs() < 1e-9, "before it: {}", of(0.7));
+        assert_eq!(of(1.3), 1.0, "behind it");
     }
 
     #[test]

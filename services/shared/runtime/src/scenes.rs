@@ -23,6 +23,8 @@ pub struct SceneStore<T> {
     max_scenes: usize,
     max_bytes: usize,
     weigh: fn(&T) -> usize,
+    /// Whether the metric of how many scenes the worker holds is of this store.
+    is_counted: bool,
 }
 
 #[derive(Debug)]
@@ -37,7 +39,12 @@ impl<T> SceneStore<T> {
     /// kept, whatever its size.
     pub fn new(max_scenes: usize, max_bytes: usize, weigh: fn(&T) -> usize) -> Self {
         let held = Mutex::new(Held { scenes: LruCache::unbounded(), bytes: 0 });
-        Self { held, max_scenes: max_scenes.max(1), max_bytes, weigh }
+        Self { held, max_scenes: max_scenes.max(1), max_bytes, weigh, is_counted: true }
+    }
+
+    /// The same beside another store of the worker, for scenes of that one in another form: the metric of how many scenes it holds counts that one's.
+    pub fn beside_another(max_scenes: usize, max_bytes: usize, weigh: fn(&T) -> usize) -> Self {
+        Self { is_counted: false, ..Self::new(max_scenes, max_bytes, weigh) }
     }
 
     /// The scene of that id.
@@ -68,7 +75,7 @@ impl<T> SceneStore<T> {
             let Some((_, gone)) = held.scenes.pop_lru() else { break };
             held.bytes -= (self.weigh)(&gone);
         }
-        metrics::gauge!("repose_scenes_held").set(held.scenes.len() as f64);
+        self.count(&held);
         scene
     }
 
@@ -78,7 +85,7 @@ impl<T> SceneStore<T> {
         if let Some(gone) = held.scenes.pop(scene_id) {
             held.bytes -= (self.weigh)(&gone);
         }
-        metrics::gauge!("repose_scenes_held").set(held.scenes.len() as f64);
+        self.count(&held);
     }
 
     /// Keeps a scene that a request enclosed, in the form that `form` gives it. Hashes the scene: not for async code.
@@ -94,6 +101,12 @@ impl<T> SceneStore<T> {
     pub fn size(&self) -> (usize, usize) {
         let held = self.held();
         (held.scenes.len(), held.bytes)
+    }
+
+    fn count(&self, held: &Held<T>) {
+        if self.is_counted {
+            metrics::gauge!("repose_scenes_held").set(held.scenes.len() as f64);
+        }
     }
 
     fn held(&self) -> MutexGuard<'_, Held<T>> {
@@ -128,9 +141,12 @@ pub async fn fetch_newest(perception: &Caller, camera: &str, options: &CallOptio
 /// Those of [`fetch_scene_payload`].
 pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOptions) -> Result<Scene, CallError> {
     let request = SceneRequest { packed: perception.packs_scenes(), ..SceneRequest::new(scene_id) };
-    let payload = fetch_scene_payload(perception, &request, options).await?;
+    let Fetched { payload, stamp_ns } = fetch(perception, &request, options).await?;
     let is_packed = payload.is_packed();
-    let read = move || Scene::from_bulk(&payload.decode_bulk(Scene::SCHEMA)?);
+    let read = move || {
+        let scene = Scene::from_bulk(&payload.decode_bulk(Scene::SCHEMA)?)?;
+        Ok::<_, CallError>(Scene { stamp_ns: stamp_ns.unwrap_or(scene.stamp_ns), ..scene })
+    };
     match is_packed {
         // Unpacking takes tens of milliseconds.
         true => tokio::task::spawn_blocking(read).await.map_err(|e| CallError::internal(format!("a scene was lost: {e}")))?,
@@ -138,12 +154,23 @@ pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOpti
     }
 }
 
-/// A scene as it was sent. It comes in parts, several of them under way at once: a message that takes seconds keeps others from a slow link, and
-/// one that takes more than five ends the link, with everything that goes by it.
+/// A scene as it was sent; in packed form it may say when the same content was seen first. It comes in parts, several of them under way at once: a
+/// message that takes seconds keeps others from a slow link, and one that takes more than five ends the link, with everything that goes by it.
 ///
 /// # Errors
 /// `not_found` when no worker has the scene; those of [`Caller::call_any`].
 pub async fn fetch_scene_payload(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Payload, CallError> {
+    Ok(fetch(perception, request, options).await?.payload)
+}
+
+/// A scene's payload that came.
+struct Fetched {
+    payload: Payload,
+    /// When the scene was last seen to be so, where the payload may say when it was at first.
+    stamp_ns: Option<u64>,
+}
+
+async fn fetch(perception: &Caller, request: &SceneRequest, options: &CallOptions) -> Result<Fetched, CallError> {
     let deadline = Instant::now() + options.deadline;
     let fetched = fetch_parts(perception, request, options, deadline).await;
     if !fetched.as_ref().is_err_and(|error| error.code == ErrorCode::InvalidArgument) {
@@ -151,7 +178,8 @@ pub async fn fetch_scene_payload(perception: &Caller, request: &SceneRequest, op
     }
     // Workers of release 1 know scenes in plain form and whole only.
     let plain = Payload::json(&SceneRequest::new(&request.scene_id))?;
-    Ok(perception.call_any("scene", &plain, &options.until(deadline)).await?.payload)
+    let payload = perception.call_any("scene", &plain, &options.until(deadline)).await?.payload;
+    Ok(Fetched { payload, stamp_ns: None })
 }
 
 /// Bytes of a part. A router closes a link on which one message waits for five seconds: links of half a Mbit/s bear this, as does what TCP makes of
@@ -162,7 +190,7 @@ const PART_BYTES: u32 = 256 << 10;
 const PARTS_AT_ONCE: u32 = 16;
 
 /// A scene's payload, put together from its parts.
-async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &CallOptions, deadline: Instant) -> Result<Payload, CallError> {
+async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &CallOptions, deadline: Instant) -> Result<Fetched, CallError> {
     let ask = |k: u32| async move {
         let part = ByteRange { offset: k * PART_BYTES, length: PART_BYTES };
         let request = Payload::json(&SceneRequest { part: Some(part), ..request.clone() })?;
@@ -171,10 +199,11 @@ async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &Call
     let mut under_way: FuturesOrdered<_> = (0..PARTS_AT_ONCE).map(ask).collect();
     let mut next = PARTS_AT_ONCE;
     let mut bytes = Vec::new();
+    let mut stamp_ns = None;
     while let Some(answer) = under_way.next().await {
         let payload = answer?.payload;
         if payload.schema() != ScenePart::SCHEMA {
-            return Ok(payload);
+            return Ok(Fetched { payload, stamp_ns: None });
         }
         let part = ScenePart::from_payload(&payload)?;
         if part.offset != bytes.len() || part.bytes.is_empty() {
@@ -185,8 +214,10 @@ async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &Call
             )));
         }
         bytes.extend_from_slice(&part.bytes);
+        // That of when the scene was asked for; it may be seen again while its parts come.
+        stamp_ns = stamp_ns.or(part.stamp_ns);
         if bytes.len() == part.total_bytes {
-            return Ok(Payload { encoding: part.encoding, bytes: bytes.into() });
+            return Ok(Fetched { payload: Payload { encoding: part.encoding, bytes: bytes.into() }, stamp_ns });
         }
         if (next as usize) * (PART_BYTES as usize) < part.total_bytes {
             under_way.push_back(ask(next));
@@ -232,7 +263,8 @@ impl Caller {
         Ok((answer.payload.decode_json()?, answer))
     }
 
-    /// Asks motion for a plan, likewise.
+    /// Asks motion for a plan, likewise. A worker that holds the same content as it was seen long before, which its id does not tell, is sent the younger
+    /// sighting, too: a plan can be carried out for as long as its scene is young.
     ///
     /// # Errors
     /// Those of [`Caller::call_with_scene`].
@@ -242,8 +274,15 @@ impl Caller {
         scene: Option<&Scene>,
         options: CallOptions,
     ) -> Result<MotionPlan, CallError> {
-        let answer = self.call_with_scene("plan", scene, |scene| Payload::with_scene(request, scene), options).await?;
-        answer.payload.decode_json()
+        let deadline = Instant::now() + options.deadline;
+        let answer = self.call_with_scene("plan", scene, |scene| Payload::with_scene(request, scene), options.clone()).await?;
+        let plan: MotionPlan = answer.payload.decode_json()?;
+        // Half of its time is enough for a plan.
+        let older_ms = |scene: &Scene| scene.stamp_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
+        let Some(younger) = scene.filter(|&scene| older_ms(scene) > plan.max_scene_age_ms / 2) else { return Ok(plan) };
+        let again = self.call("plan", Payload::with_scene(request, Some(younger))?, options.until(deadline)).await;
+        // Where there is no time for another the first one stands, as old as it says.
+        again.map_or(Ok(plan), |answer| answer.payload.decode_json())
     }
 
     /// Calls with a request that names a scene by its id. A worker that lacks the scene is sent it whole, where it is at hand, within what is
@@ -278,6 +317,8 @@ pub(crate) fn lacks_scene(error: &CallError) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use metrics_exporter_prometheus::PrometheusBuilder;
+
     use super::*;
 
     fn store(max_scenes: usize, max_bytes: usize) -> SceneStore<Vec<u8>> {
@@ -318,6 +359,22 @@ mod tests {
         assert_eq!(store.keep_over("a", bytes(3), |held| held.len() > 1).len(), 1);
         assert_eq!(store.keep_over("a", bytes(4), |held| held.len() == 1).len(), 4);
         assert_eq!(store.size(), (1, 4));
+    }
+
+    #[test]
+    fn a_store_beside_another_leaves_the_metric_to_that_one() {
+        let recorder = PrometheusBuilder::new().build_recorder();
+        metrics::with_local_recorder(&recorder, || {
+            let held = store(4, usize::MAX);
+            let packed = SceneStore::<Vec<u8>>::beside_another(4, usize::MAX, Vec::len);
+            for scene_id in ["a", "b", "c"] {
+                held.keep(scene_id, bytes(1));
+            }
+            packed.keep("a", bytes(1));
+            packed.let_go("a");
+        });
+        let told = recorder.handle().render();
+        assert!(told.contains("repose_scenes_held 3"), "{told}");
     }
 
     #[test]

@@ -1,14 +1,16 @@
 //! Fetching scenes: in parts from whoever gives parts, whole from whoever does not.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use async_trait::async_trait;
 use repose_proto::bulk::Bulk;
+use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
+use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::perception::SceneRequest;
-use repose_proto::{CallError, ErrorCode, Payload, Scene, Service};
+use repose_proto::{CallError, ErrorCode, Message, Payload, Scene, Service};
 use repose_runtime::{Call, CallOptions, Handler, RuntimeConfig, fetch_scene};
 
 use crate::common::Network;
@@ -159,5 +161,78 @@ async fn workers_that_give_no_parts_give_the_whole() {
         let (came, sent, largest) = fetched(parts).await;
         assert_eq!(came, sent);
         assert!(largest > 4 << 20);
+    }
+}
+
+/// A worker that has seen its scene again, at [`SEEN_AGAIN_NS`].
+struct SeenAgain(Payload);
+
+const SEEN_AGAIN_NS: u64 = 1_800_000_000_000_000_000;
+
+#[async_trait]
+impl Handler for SeenAgain {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        call.payload.decode_json::<SceneRequest>()?.answer_as_of(&self.0, SEEN_AGAIN_NS)
+    }
+
+    fn load(&self) -> WorkerLoad {
+        WorkerLoad::default()
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_scene_that_was_seen_again_has_the_stamp_of_then() {
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let session = network.session().await;
+    let sent = large_scene();
+    let worker = Arc::new(SeenAgain(Payload::bulk(Scene::SCHEMA, &sent.to_bulk()).unwrap()));
+    let _server = session.start(Service::Perception, worker).await.unwrap();
+    let perception = session.caller(Service::Perception).await.unwrap();
+    let came = fetch_scene(&perception, &"0".repeat(64), &CallOptions::within(Duration::from_secs(20))).await.unwrap();
+    assert_eq!(came, Scene { stamp_ns: SEEN_AGAIN_NS, ..sent });
+}
+
+/// A motion worker that holds a scene as it was seen at `held_ns`, until it is sent a younger one.
+struct Planner {
+    held_ns: AtomicU64,
+    calls: AtomicUsize,
+}
+
+fn golden<T: serde::de::DeserializeOwned>(json: &str) -> T {
+    serde_json::from_str(json).unwrap()
+}
+
+#[async_trait]
+impl Handler for Planner {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        self.calls.fetch_add(1, Ordering::SeqCst);
+        if call.payload.is_bulk() {
+            let (_, scene) = disclose::<MotionPlanRequest>(&call.payload.decode_bulk(MotionPlanRequest::SCHEMA)?)?;
+            self.held_ns.fetch_max(scene.map_or(0, |scene| scene.stamp_ns), Ordering::SeqCst);
+        }
+        let plan: MotionPlan = golden(include_str!("../../../../../proto/tests/golden/MotionPlan.v1.json"));
+        Payload::json(&MotionPlan { scene_stamp_ns: self.held_ns.load(Ordering::SeqCst), ..plan })
+    }
+
+    fn load(&self) -> WorkerLoad {
+        WorkerLoad::default()
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_plan_on_what_was_seen_long_before_is_made_again_on_the_younger_sighting() {
+    const S: u64 = 1_000_000_000;
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let session = network.session().await;
+    let worker = Arc::new(Planner { held_ns: AtomicU64::new(1000 * S), calls: AtomicUsize::default() });
+    let _server = session.start(Service::Motion, worker.clone()).await.unwrap();
+    let motion = session.caller(Service::Motion).await.unwrap();
+    motion.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+    let request: MotionPlanRequest = golden(include_str!("../../../../../proto/tests/golden/MotionPlanRequest.v1.json"));
+    // Its plans are good for a minute.
+    for (seen_ns, planned_ns, calls) in [(1020 * S, 1000 * S, 1), (1100 * S, 1100 * S, 3), (1100 * S, 1100 * S, 4)] {
+        let scene = Scene { stamp_ns: seen_ns, ..large_scene() };
+        let plan = motion.plan_motion(&request, Some(&scene), CallOptions::within(Duration::from_secs(20))).await.unwrap();
+        assert_eq!((plan.scene_stamp_ns, worker.calls.load(Ordering::SeqCst)), (planned_ns, calls));
     }
 }
