@@ -14,7 +14,7 @@ use repose_proto::place::Placement;
 use repose_proto::{CallError, GoalTerm};
 
 use crate::arrange::dead_end::DeadEnd;
-use crate::arrange::goals::{Goals, all_hold};
+use crate::arrange::goals::Goals;
 use crate::arrange::parking::places_aside;
 use crate::arrange::places::{Places, PlacesEnd};
 use crate::arrange::stacks::{above, bare_above};
@@ -348,9 +348,7 @@ impl<'a> Search<'a> {
         match terms.is_empty() {
             true => self.goals.waits_in_circle(object, &state.unsettled),
             // One that was set down aside, or had to give way, may well stand where it should.
-            false => {
-                self.goals.waits_for(object, &state.unsettled).is_empty() && all_hold(&state.scene, self.places.viewer(), object, terms)
-            }
+            false => self.goals.waits_for(object, &state.unsettled).is_empty() && self.places.hold(&state.scene, object, terms),
         }
     }
 
@@ -462,7 +460,7 @@ impl<'a> Search<'a> {
             let is_anchor = |id: &u16| terms.iter().any(|t| t.anchor == *id);
             for other in state.scene.belief.objects.keys().copied().filter(|id| id != object && !is_anchor(id)).filter(free) {
                 // What stands where this one must go comes first, then what moves anyway.
-                let stands_there = all_hold(&state.scene, self.places.viewer(), other, terms);
+                let stands_there = self.places.hold(&state.scene, other, terms);
                 likely.push(((!stands_there, !state.unsettled.contains(&other)), other, Some(whom)));
             }
         }

@@ -144,8 +144,7 @@ impl<'a> Constraints<'a> {
         let mut missing = 0.0;
         for (i, (term, check)) in request.goal.iter().zip(&checks).enumerate() {
             let wanted_m = if term.relation.index() <= Relation::Below.index() { rule_settings.min_margin_m } else { 0.0 };
-            let wants_over = term.holds && term.relation == Relation::Above && settings.recipe.goal_by == GoalBy::RuleRankedByLearned;
-            let aside_m = if wants_over { rules.aside_m(&judged.candidate, term.anchor) } else { 0.0 };
+            let aside_m = rules.off_anchor_m(&judged.candidate, term, settings.recipe.goal_by);
             if !check.holds || check.margin_m < wanted_m || aside_m > 0.0 {
                 judged.failing.push(i);
                 missing += (wanted_m - check.margin_m).max(0.0) + aside_m;

@@ -37,7 +37,7 @@ fn hold_at_the_end(scene: &Scene, result: &ArrangeResult) -> bool {
     };
     let end = PreparedScene::new(std::sync::Arc::new(result.moves.iter().fold(scene.clone(), carried)));
     let viewer = ViewerFrame::from_yaw(result.view_yaw_rad);
-    result.goals.iter().all(|goal| all_hold(&end, &viewer, goal.object, &goal.terms))
+    result.goals.iter().all(|goal| all_hold(&end, &viewer, Variant::Geometric, goal.object, &goal.terms))
 }
 
 const SMALL: [f64; 3] = [0.06, 0.06, 0.08];
