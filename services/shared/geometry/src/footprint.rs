@@ -21,7 +21,9 @@ impl Footprint {
     /// The convex hull of some points.
     fn hull(points: &[Point2<f32>]) -> Option<Self> {
         // Keys of one number each sort several times faster than pairs of coordinates, in the same order.
-        let mut keys: Vec<u64> = points.iter().map(|p| u64::from(ordinal(p.x)) << 32 | u64::from(ordinal(p.y))).collect();
+        // Adding 0 makes one number of the two zeros, which are one place and two ordinals.
+        let key = |p: &Point2<f32>| u64::from(ordinal(p.x + 0.0)) << 32 | u64::from(ordinal(p.y + 0.0));
+        let mut keys: Vec<u64> = points.iter().map(key).collect();
         keys.sort_unstable();
         let mut xy: Vec<Point2<f32>> =
             keys.into_iter().map(|key| Point2::new(of_ordinal((key >> 32) as u32), of_ordinal(key as u32))).collect();
@@ -167,6 +169,14 @@ mod tests {
         assert_eq!(Footprint::of(&disc), Footprint::hull(&all));
         let line: Vec<Point3<f32>> = (0..200).map(|k| Point3::new(k as f32, 0.0, 0.0)).collect();
         assert_eq!(Footprint::of(&line), None);
+    }
+
+    #[test]
+    fn zeros_of_either_sign_are_the_same_place() {
+        let corners = [[-0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 2.0, 0.0], [1.0, -0.0, 0.0], [1.0, 2.0, 0.0]].map(Point3::from);
+        let rectangle = Footprint::of(&corners).unwrap();
+        let whole: [Point2<f32>; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]].map(Point2::from);
+        assert_eq!(rectangle.corners(), whole);
     }
 
     #[test]
