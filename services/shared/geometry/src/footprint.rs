@@ -62,7 +62,8 @@ impl Footprint {
 
     /// The area, square metres.
     pub fn area(&self) -> f32 {
-        edges(&self.corners).map(|(a, b)| a.x * b.y - a.y * b.x).sum::<f32>() / 2.0
+        // From a corner, not from the origin: far from that the area is a small difference of large numbers.
+        edges(&self.corners).map(|(a, b)| cross(&self.corners[0], a, b)).sum::<f32>() / 2.0
     }
 
     /// How far inside the outline a point lies, metres: positive inside (distance to the nearest edge's line), negative outside.
@@ -147,6 +148,17 @@ mod tests {
         for (p, inside) in [([0.5, 0.9], true), ([1.0, 0.2], true), ([1.0, 1.0], true), ([1.001, 0.2], false), ([0.5, -0.01], false)] {
             assert_eq!(square.contains(&Point2::from(p)), inside, "{p:?}");
         }
+    }
+
+    #[test]
+    fn an_area_is_as_exact_far_from_the_origin() {
+        // Of coordinates that are exact in either place.
+        let area_m2 = |x: f32, y: f32| {
+            let (wide, deep) = (100.0 / 1024.0, 60.0 / 1024.0);
+            let corners = [[x, y, 0.0], [x + wide, y, 0.0], [x + wide, y + deep, 0.0], [x, y + deep, 0.0]].map(Point3::from);
+            Footprint::of(&corners).unwrap().area()
+        };
+        assert_eq!(area_m2(800.0, -500.0), area_m2(0.0, 0.0));
     }
 
     #[test]
