@@ -71,10 +71,8 @@ impl Answers {
         }
         if stopped.is_some() {
             // Time ended before the networks ranked: they were asked about a few candidates at most, and may doubt the best of them.
-            let sure = |j: &JudgedCandidate| j.success.unwrap_or(1.0) >= settings.min_success.unwrap_or(0.0);
-            let believed =
-                |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && sure(j) && apart(j);
-            let chosen = cheapest(findings.heard.iter().filter(believed)).cloned().into_iter().collect();
+            let believed = findings.heard.iter().filter(|j| j.believed(settings) && apart(j));
+            let chosen = cheapest(believed).cloned().into_iter().collect();
             return Ok(Self { chosen, passed: Passed { all: passed(findings, &[]), unasked: 0 } });
         }
         let mut chosen = distinct(&findings.accepted);
