@@ -5,14 +5,14 @@ use std::ops::ControlFlow;
 use repose_geometry::ViewerFrame;
 use repose_geometry::transform::from_row_major;
 use repose_proto::Scene;
-use repose_proto::arrange::{ArrangeRequest, ArrangeResult, ObjectGoal, Proof, Purpose};
+use repose_proto::arrange::{ArrangeMove, ArrangeRequest, ArrangeResult, ObjectGoal, Proof, Purpose};
 use repose_proto::place::{Outcome, Variant};
 
 use super::synthetic::SceneBuilder;
 use crate::arrange::arrange;
 use crate::arrange::goals::all_hold;
 use crate::learned::models::NoModels;
-use crate::scene::moved::moved;
+use crate::scene::moved::table_after;
 use crate::scene::prepared::PreparedScene;
 
 fn goals(texts: &[(u16, &[&str])]) -> Vec<ObjectGoal> {
@@ -32,10 +32,11 @@ fn arranged_with(scene: &Scene, texts: &[(u16, &[&str])], max_parkings: u32) -> 
 
 /// Whether all goals hold on the scene that the moves lead to.
 fn hold_at_the_end(scene: &Scene, result: &ArrangeResult) -> bool {
-    let carried = |scene: Scene, m: &repose_proto::arrange::ArrangeMove| {
-        moved(&scene, m.object, &from_row_major(&m.placement.placed_from_observed.0).unwrap())
+    let carried = |table: PreparedScene, m: &ArrangeMove| {
+        let motion = from_row_major(&m.placement.placed_from_observed.0).unwrap();
+        table_after(&table, m.object, &motion, Variant::Geometric)
     };
-    let end = PreparedScene::new(std::sync::Arc::new(result.moves.iter().fold(scene.clone(), carried)));
+    let end = result.moves.iter().fold(PreparedScene::new(std::sync::Arc::new(scene.clone())), carried);
     let viewer = ViewerFrame::from_yaw(result.view_yaw_rad);
     result.goals.iter().all(|goal| all_hold(&end, &viewer, Variant::Geometric, goal.object, &goal.terms))
 }
