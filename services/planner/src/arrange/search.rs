@@ -448,12 +448,10 @@ impl<'a> Search<'a> {
     }
 
     /// The objects that may keep others from their places, likeliest first, each with whom it may keep from which: those that stand on what must
-    /// move, or where there are none, everything that can be moved.
+    /// move, and then everything that can be moved, for what carries them may yet stay where it is.
     fn in_the_way<'g>(&self, state: &State, without_room: &'g [WithoutRoom]) -> Vec<(u16, Option<&'g WithoutRoom>)> {
         let free = |id: &u16| state.scene.belief.carried(*id).is_empty();
-        if state.unsettled.iter().any(|object| !state.scene.belief.carried(*object).is_empty()) {
-            return standing_on_unsettled(state).into_iter().map(|object| (object, None)).collect();
-        }
+        let standing = standing_on_unsettled(state).into_iter().map(|object| (object, None));
         let mut likely: Vec<((bool, bool), u16, Option<&'g WithoutRoom>)> = Vec::new();
         for whom in without_room.iter().filter(|(_, terms)| terms.iter().any(|t| t.holds)) {
             let (object, terms) = whom;
@@ -465,7 +463,7 @@ impl<'a> Search<'a> {
             }
         }
         likely.sort_by_key(|(rank, ..)| *rank);
-        likely.into_iter().map(|(_, other, whom)| (other, whom)).collect()
+        standing.chain(likely.into_iter().map(|(_, other, whom)| (other, whom))).collect()
     }
 
     /// Whether there would be room for whoever has none, if this object were not there.

@@ -138,6 +138,22 @@ fn what_comes_to_stand_right_as_another_moves_keeps_what_it_carries() {
 }
 
 #[test]
+fn what_is_in_the_way_is_set_aside_though_something_else_stands_on_what_may_stay() {
+    // 1, which carries 3, stands left of 2 once that is on 4, where a post leaves no room for it.
+    let scene = SceneBuilder::table()
+        .object(1, [-0.2, 0.0], [0.12, 0.12, 0.06])
+        .object(2, [-0.36, -0.2], [0.14, 0.14, 0.06])
+        .object_at(3, [-0.2, 0.0], 0.06, [0.05, 0.05, 0.05])
+        .object(4, [0.2, 0.0], [0.18, 0.18, 0.05])
+        .object_at(5, [0.2, 0.0], 0.05, [0.05, 0.05, 0.2])
+        .scene();
+    let result = arranged_with(&scene, &[(1, &["left_of:2"]), (2, &["above:4"])], 1);
+    let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
+    assert_eq!((result.outcome, moves.as_slice()), (Outcome::Found, [(5, Purpose::Aside), (2, Purpose::Goal)].as_slice()), "{result:?}");
+    assert!(hold_at_the_end(&scene, &result));
+}
+
+#[test]
 fn of_objects_that_wait_for_each_other_the_one_that_carries_something_stays() {
     let scene = SceneBuilder::table()
         .object(1, [-0.2, 0.0], [0.12, 0.12, 0.06])
