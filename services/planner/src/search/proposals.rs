@@ -10,7 +10,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use repose_geometry::transform::wrap_angle;
 use repose_proto::place::{RegionBox, Rotation};
-use repose_proto::{GoalTerm, Relation};
+use repose_proto::{GoalTerm, Relation, limits};
 
 use crate::checks::rules::{RuleObject, Rules};
 use crate::scene::candidate::CandidatePose;
@@ -148,8 +148,8 @@ impl Proposer<'_> {
         let asked: Vec<&RegionBox> = self.region.iter().filter(|r| r.inside).collect();
         if !asked.is_empty() {
             let region = asked[rng.random_range(0..asked.len())];
-            let place = Point2::from([0, 1].map(|k| between(region.min_m[k], region.max_m[k], rng) as f32));
-            return (place, self.observed_offset);
+            let place = [0, 1].map(|k| self.stretch_m(region, k)).map(|[low_m, high_m]| between(low_m, high_m, rng) as f32);
+            return (place.into(), self.observed_offset);
         }
         let (planes, axis_offset) = (&self.prepared.belief.planes, self.query.shape.axis_offset());
         if planes.is_empty() {
@@ -157,6 +157,18 @@ impl Proposer<'_> {
         }
         let (min, max) = planes[rng.random_range(0..planes.len())].outline.bounds();
         (Point2::from([0, 1].map(|k| between(f64::from(min[k]), f64::from(max[k]), rng) as f32)), axis_offset)
+    }
+
+    /// The stretch of a region along world x or y that lies in and around what was seen of surfaces, or where none does, as far as scenes reach: a
+    /// region may go on to any side as far as numbers do.
+    fn stretch_m(&self, region: &RegionBox, k: usize) -> [f64; 2] {
+        let outlines = self.prepared.belief.planes.iter().map(|plane| plane.outline.bounds());
+        let (low_m, high_m) =
+            outlines.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), (min, max)| (low.min(min[k]), high.max(max[k])));
+        let around = [f64::from(low_m) - self.settings.reach_m, f64::from(high_m) + self.settings.reach_m];
+        let within = [region.min_m[k].max(around[0]), region.max_m[k].min(around[1])];
+        let most_m = f64::from(limits::MAX_COORDINATE_M);
+        if within[0] <= within[1] { within } else { [region.min_m[k], region.max_m[k]].map(|v| v.clamp(-most_m, most_m)) }
     }
 
     fn yaw(&self, term: &GoalTerm, rng: &mut Pcg64) -> f64 {
@@ -206,25 +218,38 @@ mod tests {
     use crate::settings::Fixed;
     use crate::tests::synthetic::{Prepared, SceneBuilder};
 
-    #[test]
-    fn what_is_drawn_for_a_region_puts_there_what_the_region_is_asked_about_however_narrow_it_is() {
+    /// Where so many proposals put what a region is asked about.
+    fn drawn(region: RegionBox, observed_offset: Vector2<f32>, rotation: Rotation, count: u64) -> Vec<Point2<f32>> {
         let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared();
         let fixed = Fixed::default();
         let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+        assert!(query.shape.axis_offset().norm() > 0.005, "its axis is not where its observed centroid is");
         let goal = ["right_of:1".parse().unwrap()];
         let rules = Rules::new(&prepared, 2, &goal, &ViewerFrame::from_yaw(0.0), &fixed.rules).unwrap();
-        let region = [RegionBox { min_m: [0.2, 0.05, -1.0], max_m: [0.203, 0.053, 1.0], inside: true }];
-        assert!(query.shape.axis_offset().norm() > 0.005, "its axis is not where its observed centroid is");
+        let (region, settings) = ([region], &fixed.proposals);
+        let proposer = Proposer { prepared: &prepared, query: &query, rules: &rules, region: &region, observed_offset, rotation, settings };
+        let mut rng = Pcg64::seed_from_u64(3);
+        (0..count).map(|i| proposer.draw(i, &mut rng).drawn.carry(&observed_offset)).collect()
+    }
+
+    #[test]
+    fn what_is_drawn_for_a_region_puts_there_what_the_region_is_asked_about_however_narrow_it_is() {
+        let region = RegionBox { min_m: [0.2, 0.05, -1.0], max_m: [0.203, 0.053, 1.0], inside: true };
         // As it lies, and on another side, where that centroid is elsewhere in what is judged.
         for observed_offset in [Vector2::zeros(), Vector2::new(0.03, -0.02)] {
             for rotation in [Rotation::Fixed, Rotation::Yaw] {
-                let (region, settings) = (&region, &fixed.proposals);
-                let proposer = Proposer { prepared: &prepared, query: &query, rules: &rules, region, observed_offset, rotation, settings };
-                let mut rng = Pcg64::seed_from_u64(3);
-                let placed = (0..200).map(|i| proposer.draw(i, &mut rng).drawn.carry(&observed_offset));
-                let over = placed.filter(|at| (0.199..0.204).contains(&at.x) && (0.049..0.054).contains(&at.y)).count();
+                let drawn = drawn(region.clone(), observed_offset, rotation, 200);
+                let is_over = |at: &&Point2<f32>| (0.199..0.204).contains(&at.x) && (0.049..0.054).contains(&at.y);
+                let over = drawn.iter().filter(is_over).count();
                 assert!(over > 150, "{over} of 200, {rotation:?}");
             }
         }
+    }
+
+    #[test]
+    fn of_a_region_that_goes_on_as_far_as_numbers_do_what_is_drawn_is_around_what_was_seen() {
+        let region = RegionBox { min_m: [0.1, -f64::MAX, -f64::MAX], max_m: [f64::MAX; 3], inside: true };
+        let drawn = drawn(region, Vector2::zeros(), Rotation::Yaw, 300);
+        assert!(drawn.iter().all(|at| at.x < 0.9 && at.y.abs() < 0.9), "{drawn:?}");
     }
 }
