@@ -128,7 +128,7 @@ pub fn planned(
             Some(findings) => SearchStep::Iteration(Box::new(PlaceProgress {
                 iterations: findings.iterations,
                 evaluated: findings.evaluated,
-                best: findings.appraised().or_else(|| findings.best()).map(|best| evidence.placement(best)),
+                best: findings.best_so_far(&settings).map(|best| evidence.placement(best)),
             })),
         })
     })?;

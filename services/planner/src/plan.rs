@@ -159,7 +159,13 @@ fn add(found: &mut PlaceResult, of_side: PlaceResult, turned_from_observed: &Iso
         // There is an answer: nobody asks why there is none.
         found.relaxation = None;
         found.rejected_at_m.clear();
+        return Ok(());
     }
+    for (reason, places) in of_side.rejected_at_m {
+        found.rejected_at_m.entry(reason).or_insert(places);
+    }
+    let relaxations = [found.relaxation.take(), of_side.relaxation].into_iter().flatten();
+    found.relaxation = relaxations.reduce(|most, other| if other.admits > most.admits { other } else { most });
     Ok(())
 }
 

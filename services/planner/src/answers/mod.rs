@@ -5,6 +5,8 @@ pub mod placement;
 pub mod ranked;
 pub mod relaxation;
 
+use std::ops::ControlFlow;
+
 use repose_proto::CallError;
 use repose_proto::place::{Shortfall, ShortfallReason};
 
@@ -37,7 +39,7 @@ pub struct Passed {
 
 impl Answers {
     /// The answers, once the search is over, of the candidates that are `apart` from answers that there are already. Where networks only rank, they do
-    /// so now; `control` is asked before each of their batches, and `stopped` is told.
+    /// so now; `control` is asked before each question to them, and `stopped` is told.
     ///
     /// # Errors
     /// What the networks answer.
@@ -60,21 +62,16 @@ impl Answers {
         }
         let mut rest = Vec::new();
         if stopped.is_none() && !findings.accepted.is_empty() {
-            // The shortlist is a batch like any other.
-            *stopped = control();
-            if stopped.is_none() {
-                match in_time(rank(judge, findings, count))? {
-                    Some(unasked) => rest = unasked,
-                    None => *stopped = Some(StopReason::Deadline),
-                }
+            match in_time(rank(judge, findings, count, control))? {
+                Some(ControlFlow::Continue(unasked)) => rest = unasked,
+                Some(ControlFlow::Break(stop)) => *stopped = Some(stop),
+                None => *stopped = Some(StopReason::Deadline),
             }
         }
         if stopped.is_some() {
             // Time ended before the networks ranked: they were asked about a few candidates at most, and may doubt the best of them.
-            let sure = |j: &JudgedCandidate| j.success.unwrap_or(1.0) >= settings.min_success.unwrap_or(0.0);
-            let believed =
-                |j: &&JudgedCandidate| j.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && sure(j) && apart(j);
-            let chosen = cheapest(findings.heard.iter().filter(believed)).cloned().into_iter().collect();
+            let believed = findings.heard.iter().filter(|j| j.believed(settings) && apart(j));
+            let chosen = cheapest(believed).cloned().into_iter().collect();
             return Ok(Self { chosen, passed: Passed { all: passed(findings, &[]), unasked: 0 } });
         }
         let mut chosen = distinct(&findings.accepted);
@@ -116,8 +113,6 @@ impl Passed {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use rand::SeedableRng;
     use rand_pcg::Pcg64;
     use repose_proto::place::{PlaceRequest, Rejection};

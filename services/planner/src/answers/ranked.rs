@@ -4,6 +4,8 @@
 //! that they can. Whatever would be an answer at that cost is asked about, until all answers have been. Who is left unasked would not be an answer
 //! whatever the networks say of it, so the answers are those of asking about all, at a part of the work.
 
+use std::ops::ControlFlow;
+
 use repose_proto::CallError;
 
 use crate::answers::distinct::distinct_places;
@@ -11,6 +13,7 @@ use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
 use crate::search::findings::Findings;
 use crate::search::ranking::{believed, fragile_share, keep_apart, shortlist, without};
+use crate::search::stop::StopReason;
 
 /// How much is known of a candidate of the shortlist.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,11 +35,17 @@ struct Listed {
 }
 
 /// Puts the shortlist of the accepted candidates to the networks as far as it matters, and costs it anew. Candidates below the realism threshold are
-/// rejected, and answers come from those asked about alone. Returns the other accepted candidates.
+/// rejected, and answers come from those asked about alone. Returns the other accepted candidates. `control` is asked before each question; where it
+/// stops that, nothing has changed.
 ///
 /// # Errors
 /// What the networks answer; nothing has changed then.
-pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Result<Vec<JudgedCandidate>, CallError> {
+pub fn rank(
+    judge: &mut Judge<'_>,
+    findings: &mut Findings,
+    count: usize,
+    control: &mut dyn FnMut() -> Option<StopReason>,
+) -> Result<ControlFlow<StopReason, Vec<JudgedCandidate>>, CallError> {
     let settings = judge.problem().settings;
     let (ranking, level_gap_m) = (&settings.fixed.ranking, settings.fixed.surrogate.level_gap_m);
     let places = shortlist(&findings.accepted, ranking.candidates.max(count), ranking.apart_m, level_gap_m);
@@ -59,6 +68,9 @@ pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Res
             }
             continue;
         }
+        if let Some(stop) = control() {
+            return Ok(ControlFlow::Break(stop));
+        }
         ask(judge, &mut list, turn, &mut doubted)?;
     }
     doubted.sort_by_key(|l| l.place);
@@ -67,13 +79,18 @@ pub fn rank(judge: &mut Judge<'_>, findings: &mut Findings, count: usize) -> Res
     let mut doubted: Vec<JudgedCandidate> = doubted.into_iter().map(|l| l.judged).collect();
     if believed.is_empty() {
         let mut rest = without(findings.accepted.clone(), &asked);
+        if !rest.is_empty()
+            && let Some(stop) = control()
+        {
+            return Ok(ControlFlow::Break(stop));
+        }
         findings.accepted = elsewhere(judge, &mut rest, &mut doubted)?;
         findings.reject(doubted);
-        return Ok(rest);
+        return Ok(ControlFlow::Continue(rest));
     }
     let rest = without(std::mem::replace(&mut findings.accepted, believed), &asked);
     findings.reject(doubted);
-    Ok(rest)
+    Ok(ControlFlow::Continue(rest))
 }
 
 /// Those that the networks believe far from all that they doubt: the best of a search lie side by side, and where these are doubted the place is, not the

@@ -5,10 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use repose_geometry::ViewerFrame;
 use repose_proto::GoalTerm;
 use repose_proto::arrange::ObjectGoal;
+use repose_proto::place::Variant;
 
 use crate::checks::rules::Rules;
 use crate::scene::prepared::PreparedScene;
-use crate::settings::RuleSettings;
+use crate::settings::{Recipe, RuleSettings};
 
 /// What shall hold at the end, by object.
 #[derive(Debug, Clone)]
@@ -76,8 +77,8 @@ impl Goals {
     }
 
     /// The objects of which some term does not hold as things stand.
-    pub fn unmet(&self, scene: &PreparedScene, viewer: &ViewerFrame) -> BTreeSet<u16> {
-        self.order.iter().copied().filter(|object| !all_hold(scene, viewer, *object, &self.terms[object])).collect()
+    pub fn unmet(&self, scene: &PreparedScene, viewer: &ViewerFrame, variant: Variant) -> BTreeSet<u16> {
+        self.order.iter().copied().filter(|object| !all_hold(scene, viewer, variant, *object, &self.terms[object])).collect()
     }
 
     /// The objects whose goals have a term about an object.
@@ -86,15 +87,17 @@ impl Goals {
     }
 }
 
-/// Whether all terms about an object hold as things stand: by the rules on completed shapes that its placements are judged by. Nothing holds
-/// of what is not there, or of which too little was seen.
-pub fn all_hold(scene: &PreparedScene, viewer: &ViewerFrame, object: u16, terms: &[GoalTerm]) -> bool {
-    Rules::new(scene, object, terms, viewer, &RuleSettings::default()).is_ok_and(|rules| rules.hold_as_observed())
+/// Whether all terms about an object hold as things stand: by the rules on completed shapes that a variant's placements are judged by. Nothing
+/// holds of what is not there, or of which too little was seen.
+pub fn all_hold(scene: &PreparedScene, viewer: &ViewerFrame, variant: Variant, object: u16, terms: &[GoalTerm]) -> bool {
+    let goal_by = Recipe::of(variant).goal_by;
+    Rules::new(scene, object, terms, viewer, &RuleSettings::default()).is_ok_and(|rules| rules.hold_as_observed(goal_by))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
 
     fn goals(texts: &[(u16, &[&str])]) -> Goals {
         let goal =
@@ -121,6 +124,20 @@ mod tests {
         let mut asked: Vec<(u16, &[&str])> = (2..12).map(|object| (object, BESIDE)).collect();
         asked.push((1, &["left_of:20"]));
         assert_eq!(goals(&asked).of(1, &BTreeSet::new()).len(), 21);
+    }
+
+    #[test]
+    fn what_stands_high_beside_an_anchor_is_above_it_only_where_places_beside_it_are() {
+        let scene = SceneBuilder::table()
+            .object(1, [0.0, 0.0], [0.1, 0.1, 0.1])
+            .object(3, [0.15, 0.0], [0.12, 0.12, 0.32])
+            .object_at(2, [0.15, 0.0], 0.32, [0.06, 0.06, 0.06])
+            .object_at(4, [0.0, 0.0], 0.1, [0.06, 0.06, 0.06])
+            .prepared();
+        let terms = ["above:1".parse().unwrap()];
+        let holds = |variant, object| all_hold(&scene, &ViewerFrame::from_yaw(0.0), variant, object, &terms);
+        assert!(holds(Variant::Geometric, 2) && !holds(Variant::Best, 2), "best places over the anchor only");
+        assert!(holds(Variant::Geometric, 4) && holds(Variant::Best, 4));
     }
 
     #[test]

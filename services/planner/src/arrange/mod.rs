@@ -55,7 +55,7 @@ pub fn arrange(
     known(prepared, &request.goals)?;
     let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
     let goals = Goals::new(&request.goals);
-    let unmet = goals.unmet(prepared, &viewer);
+    let unmet = goals.unmet(prepared, &viewer, request.variant);
     let satisfied: Vec<u16> = request.goals.iter().map(|goal| goal.object).filter(|object| !unmet.contains(object)).collect();
     let mut result = ArrangeResult {
         outcome: Outcome::Found,
@@ -119,7 +119,7 @@ fn conflict(scene: &Arc<PreparedScene>, request: &ArrangeRequest, search: &mut S
         let mut without = kept.clone();
         without.remove(next);
         let goals = Goals::new(&without);
-        let unmet = goals.unmet(scene, search.asked().viewer());
+        let unmet = goals.unmet(scene, search.asked().viewer(), request.variant);
         let found = search.with_goals(&goals, |search| search.arranged(scene, unmet))?;
         match search.asked().ended() {
             Some(PlacesEnd::Budget | PlacesEnd::Time) => {

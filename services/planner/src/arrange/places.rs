@@ -10,6 +10,7 @@ use repose_proto::arrange::ArrangeRequest;
 use repose_proto::place::{Budget, Outcome, Placement, Rejection};
 use repose_proto::{CallError, ErrorCode, GoalTerm, PlaceRequest, limits};
 
+use crate::arrange::goals::all_hold;
 use crate::arrange::surroundings::surroundings;
 use crate::learned::models::PlacementModels;
 use crate::plan::{SearchStep, plan};
@@ -79,6 +80,11 @@ impl<'a> Places<'a> {
     /// The viewer of all relations.
     pub fn viewer(&self) -> &ViewerFrame {
         &self.viewer
+    }
+
+    /// Whether all terms about an object hold where it stands, as they are asked of places for it.
+    pub fn hold(&self, scene: &PreparedScene, object: u16, terms: &[GoalTerm]) -> bool {
+        all_hold(scene, &self.viewer, self.request.variant, object, terms)
     }
 
     /// Placements searched for so far.

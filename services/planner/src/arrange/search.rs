@@ -14,7 +14,7 @@ use repose_proto::place::Placement;
 use repose_proto::{CallError, GoalTerm};
 
 use crate::arrange::dead_end::DeadEnd;
-use crate::arrange::goals::{Goals, all_hold};
+use crate::arrange::goals::Goals;
 use crate::arrange::parking::places_aside;
 use crate::arrange::places::{Places, PlacesEnd};
 use crate::arrange::stacks::{above, bare_above};
@@ -348,9 +348,7 @@ impl<'a> Search<'a> {
         match terms.is_empty() {
             true => self.goals.waits_in_circle(object, &state.unsettled),
             // One that was set down aside, or had to give way, may well stand where it should.
-            false => {
-                self.goals.waits_for(object, &state.unsettled).is_empty() && all_hold(&state.scene, self.places.viewer(), object, terms)
-            }
+            false => self.goals.waits_for(object, &state.unsettled).is_empty() && self.places.hold(&state.scene, object, terms),
         }
     }
 
@@ -450,24 +448,22 @@ impl<'a> Search<'a> {
     }
 
     /// The objects that may keep others from their places, likeliest first, each with whom it may keep from which: those that stand on what must
-    /// move, or where there are none, everything that can be moved.
+    /// move, and then everything that can be moved, for what carries them may yet stay where it is.
     fn in_the_way<'g>(&self, state: &State, without_room: &'g [WithoutRoom]) -> Vec<(u16, Option<&'g WithoutRoom>)> {
         let free = |id: &u16| state.scene.belief.carried(*id).is_empty();
-        if state.unsettled.iter().any(|object| !state.scene.belief.carried(*object).is_empty()) {
-            return standing_on_unsettled(state).into_iter().map(|object| (object, None)).collect();
-        }
+        let standing = standing_on_unsettled(state).into_iter().map(|object| (object, None));
         let mut likely: Vec<((bool, bool), u16, Option<&'g WithoutRoom>)> = Vec::new();
         for whom in without_room.iter().filter(|(_, terms)| terms.iter().any(|t| t.holds)) {
             let (object, terms) = whom;
             let is_anchor = |id: &u16| terms.iter().any(|t| t.anchor == *id);
             for other in state.scene.belief.objects.keys().copied().filter(|id| id != object && !is_anchor(id)).filter(free) {
                 // What stands where this one must go comes first, then what moves anyway.
-                let stands_there = all_hold(&state.scene, self.places.viewer(), other, terms);
+                let stands_there = self.places.hold(&state.scene, other, terms);
                 likely.push(((!stands_there, !state.unsettled.contains(&other)), other, Some(whom)));
             }
         }
         likely.sort_by_key(|(rank, ..)| *rank);
-        likely.into_iter().map(|(_, other, whom)| (other, whom)).collect()
+        standing.chain(likely.into_iter().map(|(_, other, whom)| (other, whom))).collect()
     }
 
     /// Whether there would be room for whoever has none, if this object were not there.

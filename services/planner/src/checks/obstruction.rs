@@ -62,18 +62,12 @@ pub fn obstruction(
             let cell = &prism.cells[i];
             let mut runs =
                 columns.runs(above).iter().filter(|r| r.object != query.id && r.high_m > floor_m && r.high_m > low_m && r.low_m < high_m);
-            if touched.is_empty() {
-                if runs.next().is_some() {
-                    in_way.add(cell, settings);
-                }
-                return;
-            }
-            for run in runs {
-                match touched.contains(&run.object) {
-                    true if cell.inside_m >= settings.touch_m => in_way.colliding += 1,
-                    true => {}
-                    false => in_way.add(cell, settings),
-                }
+            let Some(first) = runs.next() else { return };
+            // However many runs fill it, it is one cell; what may be touched fills it where nothing else does.
+            if !touched.contains(&first.object) || runs.any(|run| !touched.contains(&run.object)) {
+                in_way.add(cell, settings);
+            } else {
+                in_way.colliding += usize::from(cell.inside_m >= settings.touch_m);
             }
         });
         deepest = deepest.max(in_way.deep);
@@ -145,6 +139,23 @@ mod tests {
         assert!(beside.colliding_share == 0.0 && (0.01..0.03).contains(&beside.clearance_m), "{beside:?}");
         let touching = at(0.082, 0.1, 0.001);
         assert!(judge(&touching, &[1]).colliding_share == 0.0 && judge(&touching, &[1]).clearance_m > 0.03);
+    }
+
+    #[test]
+    fn a_cell_counts_once_though_something_else_far_away_may_be_touched() {
+        let prepared = SceneBuilder::table()
+            .object(1, [0.0, 0.1], [0.1, 0.1, 0.12])
+            .object(2, [-0.3, -0.2], [0.06, 0.06, 0.08])
+            .object(3, [0.35, -0.2], [0.06, 0.06, 0.08])
+            .prepared();
+        let fixed = Fixed::default();
+        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+        for y in [0.0, 0.02, 0.04, 0.1, 0.17] {
+            let at = standing_at(&query, 0.0, y, 0.001);
+            let judge = |touched: &[u16]| obstruction(&prepared, &query, &at, touched, &fixed.clearance, &fixed.support);
+            assert_eq!(judge(&[3]), judge(&[]), "{y}");
+            assert!(judge(&[1]).colliding_share <= 1.0, "{y}: {:?}", judge(&[1]));
+        }
     }
 
     #[test]

@@ -30,9 +30,9 @@ impl<'a> Reach<'a> {
         Self { base_from_world: world_from_base.inverse(), settings, inverse }
     }
 
-    /// By how much a candidate is out of reach; none when it is not.
-    pub fn miss(&self, query: &QueryObject, candidate: &CandidatePose) -> Option<f64> {
-        let held = self.base_from_world * held_at(query, candidate);
+    /// By how much the pose in which the object is let go is out of reach; none when it is not.
+    pub fn miss(&self, query: &QueryObject, let_go: &CandidatePose) -> Option<f64> {
+        let held = self.base_from_world * held_at(query, let_go);
         let far_m = (held - Point3::new(0.0, 0.0, SHOULDER_M)).norm() - self.settings.max_m;
         if far_m > 0.0 {
             return Some((far_m + self.settings.max_m) * MISS_PER_METRE);
@@ -67,10 +67,10 @@ impl<'a> Reach<'a> {
     }
 }
 
-/// Where the hand holds the placed object: over its axis, at three quarters of its height.
-fn held_at(query: &QueryObject, candidate: &CandidatePose) -> Point3<f64> {
-    let axis = candidate.carry(&query.shape.axis_offset());
-    let height_m = query.bottom_of(candidate.centroid_m[2]) + 0.75 * (query.shape.top_m - query.shape.bottom_m);
+/// Where the hand holds the object as it lets go of it: over its axis, at three quarters of its height.
+fn held_at(query: &QueryObject, let_go: &CandidatePose) -> Point3<f64> {
+    let axis = let_go.carry(&query.shape.axis_offset());
+    let height_m = query.bottom_of(let_go.centroid_m[2]) + 0.75 * (query.shape.top_m - query.shape.bottom_m);
     Point3::new(axis.x, axis.y, height_m).cast()
 }
 

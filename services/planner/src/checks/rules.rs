@@ -17,7 +17,7 @@ use repose_relations::rectangle::{quarter_turn_difference_rad, rectangle_yaw_rad
 use crate::checks::prisms::PlacedPrisms;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
-use crate::settings::RuleSettings;
+use crate::settings::{GoalBy, RuleSettings};
 use repose_belief::outlines::to_outline_m;
 use repose_belief::shape::{Shape, Slab};
 
@@ -144,9 +144,17 @@ impl Rules {
         f64::from(of_anchor.chain(of_query).fold(f32::INFINITY, f32::min))
     }
 
-    /// Whether every term holds of the object where it was observed.
-    pub fn hold_as_observed(&self) -> bool {
-        self.checks(&CandidatePose::new(&self.query.shape.centroid, 0.0)).iter().all(|check| check.holds)
+    /// How far a candidate is from being over the anchor of a term, metres; 0 where the term does not ask for that by `goal_by`.
+    pub fn off_anchor_m(&self, candidate: &CandidatePose, term: &GoalTerm, goal_by: GoalBy) -> f64 {
+        let wants_over = term.holds && term.relation == Relation::Above && goal_by == GoalBy::RuleRankedByLearned;
+        if wants_over { self.aside_m(candidate, term.anchor) } else { 0.0 }
+    }
+
+    /// Whether every term holds of the object where it was observed, as `goal_by` asks it of a place.
+    pub fn hold_as_observed(&self, goal_by: GoalBy) -> bool {
+        let observed = CandidatePose::new(&self.query.shape.centroid, 0.0);
+        let is_over = |term: &GoalTerm| self.off_anchor_m(&observed, term, goal_by) <= 0.0;
+        self.checks(&observed).iter().all(|check| check.holds) && self.terms.iter().all(is_over)
     }
 
     fn placed_extents(&self, candidate: &CandidatePose) -> ViewerExtents {
@@ -260,7 +268,7 @@ mod tests {
         let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [0.0, 0.12], [0.06, 0.06, 0.12]).prepared();
         let holds = |term: &str| {
             let goal: [GoalTerm; 1] = [term.parse().unwrap()];
-            Rules::new(&prepared, 2, &goal, &ViewerFrame::from_yaw(0.0), &RuleSettings::default()).unwrap().hold_as_observed()
+            Rules::new(&prepared, 2, &goal, &ViewerFrame::from_yaw(0.0), &RuleSettings::default()).unwrap().hold_as_observed(GoalBy::Rule)
         };
         assert!(holds("behind:1") && holds("near:1") && holds("not:touching:1") && !holds("in_front_of:1"));
     }

@@ -95,8 +95,9 @@ impl<'a> Constraints<'a> {
                 judged.reject(Rejection::Unsupported, miss);
             }
         }
-        // Postures are looked for where nothing else speaks against the place.
-        if let Some(miss) = self.reach.as_ref().filter(|_| judged.feasible()).and_then(|reach| reach.miss(query, &candidate)) {
+        // Postures are looked for where nothing else speaks against the place, and for where the hand lets go of the object.
+        let let_go = self.problem.let_go(&candidate);
+        if let Some(miss) = self.reach.as_ref().filter(|_| judged.feasible()).and_then(|reach| reach.miss(query, &let_go)) {
             judged.reject(Rejection::OutOfReach, miss);
         }
         if recipe.goal_by != GoalBy::Learned {
@@ -144,8 +145,7 @@ impl<'a> Constraints<'a> {
         let mut missing = 0.0;
         for (i, (term, check)) in request.goal.iter().zip(&checks).enumerate() {
             let wanted_m = if term.relation.index() <= Relation::Below.index() { rule_settings.min_margin_m } else { 0.0 };
-            let wants_over = term.holds && term.relation == Relation::Above && settings.recipe.goal_by == GoalBy::RuleRankedByLearned;
-            let aside_m = if wants_over { rules.aside_m(&judged.candidate, term.anchor) } else { 0.0 };
+            let aside_m = rules.off_anchor_m(&judged.candidate, term, settings.recipe.goal_by);
             if !check.holds || check.margin_m < wanted_m || aside_m > 0.0 {
                 judged.failing.push(i);
                 missing += (wanted_m - check.margin_m).max(0.0) + aside_m;
@@ -156,5 +156,49 @@ impl<'a> Constraints<'a> {
             // A tenth of a metre counts as one.
             judged.reject(Rejection::Goal, 10.0 * missing);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_geometry::ViewerFrame;
+    use repose_proto::RigidTransform;
+    use repose_proto::place::{PlaceRequest, ReachingRobot, Variant};
+
+    use super::*;
+    use crate::checks::rules::Rules;
+    use crate::scene::prepared::PreparedScene;
+    use crate::scene::query::QueryObject;
+    use crate::settings::PlanSettings;
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
+
+    #[test]
+    fn reach_is_asked_about_where_the_hand_lets_go_of_an_object_whose_foot_may_be_lower() {
+        let table = SceneBuilder::table().object(1, [-0.3, 0.25], [0.06; 3]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).prepared();
+        let mut shapes = table.belief.shapes();
+        shapes.get_mut(&2).unwrap().foot_doubt_m = 0.025;
+        let prepared = PreparedScene::with_shapes(table.scene.clone(), shapes);
+        let mut pose = RigidTransform::IDENTITY;
+        pose.0[3] = -0.75;
+        let request = PlaceRequest {
+            variant: Variant::Geometric,
+            robot: Some(ReachingRobot { name: "arm".to_owned(), world_from_base: Some(pose) }),
+            ..PlaceRequest::new(prepared.scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()])
+        };
+        let settings = PlanSettings::of(&request);
+        let query = QueryObject::new(&prepared, 2, 0.0, &settings.fixed).unwrap();
+        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
+        let problem =
+            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
+        let constraints = Constraints::new(problem);
+        let reach = Reach::new(&settings.world_from_base.unwrap(), &settings.fixed.reach);
+        let mut differ = 0;
+        for k in 0..174 {
+            let judged = standing_at(&query, -0.1 + 0.003 * k as f32, 0.0, settings.fixed.support.release_m);
+            let [where_judged, where_let_go] = [judged, problem.let_go(&judged)].map(|pose| reach.miss(&query, &pose).is_some());
+            assert_eq!(constraints.tried(judged, 0).rejection == Some(Rejection::OutOfReach), where_let_go, "{judged:?}");
+            differ += usize::from(where_judged != where_let_go);
+        }
+        assert!(differ > 0, "nowhere is it decisive how high the object is let go");
     }
 }

@@ -8,6 +8,7 @@ use crate::checks::footing::Footing;
 use crate::checks::obstruction::Obstruction;
 use crate::learned::stability::COUNT;
 use crate::scene::candidate::CandidatePose;
+use crate::settings::PlanSettings;
 
 /// A candidate that has been tried.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,6 +77,12 @@ impl JudgedCandidate {
     /// Whether every constraint holds.
     pub fn feasible(&self) -> bool {
         self.rejection.is_none()
+    }
+
+    /// Whether the networks were asked and believe in it: it is realistic enough, and as likely to succeed as is wanted where they say so.
+    pub fn believed(&self, settings: &PlanSettings) -> bool {
+        let is_sure = self.success.unwrap_or(1.0) >= settings.min_success.unwrap_or(0.0);
+        self.realism.is_some_and(|f| f64::from(f) > settings.realism_threshold) && is_sure
     }
 
     /// Rejects it by a constraint that it misses by `amount` (any non-negative number; larger is worse). Constraints come in order: the

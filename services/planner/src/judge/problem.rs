@@ -1,6 +1,6 @@
 //! One request on one scene: what every step of a search reads and none changes.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector2};
 use repose_proto::Relation;
 use repose_proto::place::PlaceRequest;
 
@@ -92,6 +92,13 @@ impl<'a> PlacementProblem<'a> {
         let let_go = self.let_go(candidate);
         let carried = |turned: &Turned<'_>| let_go.placed_from_observed(&self.query.shape.centroid) * turned.observed_centroid;
         self.turned.map_or_else(|| let_go.centroid(), carried)
+    }
+
+    /// Where the centroid of what was observed of the object is from the centroid that candidates are given by, before a turn, seen from above,
+    /// metres: elsewhere only where the object was turned over.
+    pub fn observed_offset(&self) -> Vector2<f32> {
+        let apart = |turned: &Turned<'_>| (turned.observed_centroid - self.query.shape.centroid).xy().cast::<f32>();
+        self.turned.map_or_else(Vector2::zeros, apart)
     }
 
     /// The height that a drawn candidate is lowered from, world z, metres.

@@ -225,8 +225,8 @@ impl<'a> Stance<'a> {
     }
 
     fn middle_height(&self) -> f64 {
-        let mean_z = self.cloud.iter().map(|p| p.z).sum::<f32>() / self.cloud.len().max(1) as f32;
-        f64::from(mean_z - self.shape.bottom_m) / self.height_m.max(LEAST_HEIGHT_M)
+        let mean_z = self.cloud.iter().map(|p| f64::from(p.z)).sum::<f64>() / self.cloud.len().max(1) as f64;
+        (mean_z - f64::from(self.shape.bottom_m)) / self.height_m.max(LEAST_HEIGHT_M)
     }
 }
 
@@ -281,10 +281,10 @@ fn lean(cloud: &[Point3<f32>]) -> Vector2<f32> {
     let (low, high) = cloud.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), p| (low.min(p.z), high.max(p.z)));
     let part_m = END_SHARE * (high - low);
     let middle = |keep: &dyn Fn(f32) -> bool| {
-        let kept: Vec<Vector2<f32>> = cloud.iter().filter(|p| keep(p.z)).map(|p| p.xy().coords).collect();
-        kept.iter().sum::<Vector2<f32>>() / kept.len().max(1) as f32
+        let kept: Vec<Vector2<f64>> = cloud.iter().filter(|p| keep(p.z)).map(|p| p.xy().coords.cast::<f64>()).collect();
+        kept.iter().sum::<Vector2<f64>>() / kept.len().max(1) as f64
     };
-    middle(&|z| z >= high - part_m) - middle(&|z| z <= low + part_m)
+    (middle(&|z| z >= high - part_m) - middle(&|z| z <= low + part_m)).cast::<f32>()
 }
 
 /// The tilt after which a solid's centre of mass is over the edge of what touches the ground, radians; negative where it is beyond it already.
@@ -305,8 +305,9 @@ struct Axes {
 
 impl Axes {
     fn of(cloud: &[Point3<f32>]) -> Self {
-        let mean = cloud.iter().map(|p| p.coords).sum::<Vector3<f32>>() / cloud.len().max(1) as f32;
-        let scatter: Matrix3<f32> = cloud.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum();
+        let mean = cloud::centroid(cloud).unwrap_or_else(Point3::origin).coords;
+        let off_mean = cloud.iter().map(|p| (p.coords.cast::<f64>() - mean).cast::<f32>());
+        let scatter: Matrix3<f32> = off_mean.map(|off: Vector3<f32>| off * off.transpose()).sum();
         let eigen = scatter.symmetric_eigen();
         let mut order = [0, 1, 2];
         order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
@@ -374,6 +375,22 @@ mod tests {
         };
         assert!(tip_rad(&board(0.0)) > 0.03);
         assert!(tip_rad(&board(0.5)) < 0.0);
+    }
+
+    #[test]
+    fn how_a_cloud_lies_and_leans_is_told_as_well_far_from_the_origin() {
+        // A leaning block, of coordinates that are as exact 800 m away.
+        let at = |k: usize| [k % 10 * 8 + k / 100 * 5, k / 10 % 10 * 4, k / 100 * 13].map(|step| step as f32 / 1024.0);
+        let cloud: Vec<Point3<f32>> = (0..1500).map(|k| at(k).into()).collect();
+        let far: Vec<Point3<f32>> = cloud.iter().map(|p| p + Vector3::new(800.0, -500.0, 0.0)).collect();
+        assert!(lean(&cloud).x > 0.03 && (lean(&cloud) - lean(&far)).norm() < 1e-6, "{} {}", lean(&cloud), lean(&far));
+        let told = |cloud: &[Point3<f32>]| {
+            let Axes { long_off_rad, thin_off_rad, second, third } = Axes::of(cloud);
+            [long_off_rad, thin_off_rad, second, third]
+        };
+        for (near, far) in told(&cloud).into_iter().zip(told(&far)) {
+            assert!((near - far).abs() < 1e-4, "{near}, not {far}");
+        }
     }
 
     #[test]

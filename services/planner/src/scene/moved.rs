@@ -62,7 +62,7 @@ pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Is
     } else {
         let carried = shapes.get(&object).and_then(|shape| shape.carried(&came_to_rest));
         shapes.extend(carried.map(|shape| (object, shape)));
-        moved_from(&table.scene, object, &came_to_rest, left)
+        moved(&table.scene, object, &came_to_rest, left)
     };
     PreparedScene::with_shapes(Arc::new(after), shapes)
 }
@@ -125,18 +125,13 @@ fn underside(shape: &Shape) -> impl Iterator<Item = Point3<f32>> + '_ {
 /// The table without an object.
 pub fn table_without(table: &PreparedScene, object: u16) -> PreparedScene {
     let mut shapes = bared(table, object);
-    let after = without_after(&table.scene, object, Left::of(table, object, &shapes));
+    let after = without(&table.scene, object, Left::of(table, object, &shapes));
     shapes.remove(&object);
     PreparedScene::with_shapes(Arc::new(after), shapes)
 }
 
 /// The scene with an object elsewhere.
-pub fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>) -> Scene {
-    moved_from(scene, object, placed_from_observed, Left::default())
-}
-
-/// The same, where more is known of the place that it leaves.
-fn moved_from(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>, left: Left<'_>) -> Scene {
+fn moved(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>, left: Left<'_>) -> Scene {
     let mut after = scene.clone();
     let carry = |p: [f32; 3]| -> [f32; 3] { (placed_from_observed * Point3::from(p).cast::<f64>()).cast::<f32>().coords.into() };
     for (point, _) in after.points.iter_mut().zip(&scene.labels).filter(|(_, label)| **label == object) {
@@ -159,11 +154,7 @@ fn moved_from(scene: &Scene, object: u16, placed_from_observed: &Isometry3<f64>,
 }
 
 /// The scene without an object.
-pub fn without(scene: &Scene, object: u16) -> Scene {
-    without_after(scene, object, Left::default())
-}
-
-fn without_after(scene: &Scene, object: u16, left: Left<'_>) -> Scene {
+fn without(scene: &Scene, object: u16, left: Left<'_>) -> Scene {
     let mut after = scene.clone();
     leave(&mut after, scene, object, left);
     let kept = |i: &usize| *i >= scene.labels.len() || scene.labels[*i] != object;
@@ -182,7 +173,7 @@ pub fn with_cloud(scene: &Scene, object: u16, shape: &Shape, points: &[Point3<f3
 }
 
 fn with_cloud_after(scene: &Scene, object: u16, points: &[Point3<f32>], left: Left<'_>) -> Scene {
-    let mut after = without_after(scene, object, left);
+    let mut after = without(scene, object, left);
     after.points.extend(points.iter().map(|p| <[f32; 3]>::from(p.coords)));
     after.labels.extend(points.iter().map(|_| object));
     if let Some(colors) = &mut after.colors {
@@ -200,7 +191,7 @@ fn with_cloud_after(scene: &Scene, object: u16, points: &[Point3<f32>], left: Le
 }
 
 /// What is known of the place that an object leaves.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Left<'a> {
     floor: Option<Floor>,
     /// What it filled there.
@@ -315,12 +306,13 @@ fn inside(outline: &[[f64; 2]], [x, y]: [f64; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::synthetic::SceneBuilder;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
 
     #[test]
     fn a_moved_object_stands_elsewhere_and_leaves_its_carrier_behind() {
         let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.06, 0.05, 0.08]).scene();
-        let after = moved(&scene, 1, &Isometry3::translation(0.25, 0.1, 0.0));
+        let table = PreparedScene::new(Arc::new(scene.clone()));
+        let after = table_after(&table, 1, &Isometry3::translation(0.25, 0.1, 0.0), Variant::Full).scene;
         let (was, is) = (scene.object(1).unwrap().centroid_m, after.object(1).unwrap().centroid_m);
         assert!((is[0] - was[0] - 0.25).abs() < 1e-9 && (is[1] - was[1] - 0.1).abs() < 1e-9 && (is[2] - was[2]).abs() < 1e-9);
         assert_eq!(after.points_of(2).count(), scene.points_of(2).count());
@@ -328,10 +320,10 @@ mod tests {
         assert!(on_table > 100, "{on_table} points where it stood");
         let top = after.meta.surfaces.iter().find(|s| s.object == Some(1)).unwrap();
         assert!((top.height_m - 0.1).abs() < 1e-9 && top.outline_m.iter().all(|p| p[0] > 0.15));
-        let placed = table_after(&PreparedScene::new(Arc::new(scene.clone())), 1, &Isometry3::translation(0.25, 0.1, 0.004), Variant::Best);
+        let placed = table_after(&table, 1, &Isometry3::translation(0.25, 0.1, 0.004), Variant::Best);
         let shape = placed.belief.objects[&1].shape.as_ref().unwrap();
         assert!(shape.bottom_m.abs() < 0.002 && (shape.axis.x - 0.25).abs() < 0.01, "it came to rest: {shape:?}");
-        let gone = without(&scene, 1);
+        let gone = table_without(&table, 1).scene;
         assert!(gone.object(1).is_none() && gone.points_of(1).count() == 0 && gone.points.len() == gone.labels.len());
     }
 
@@ -365,19 +357,20 @@ mod tests {
     #[test]
     fn what_reached_beyond_its_carrier_leaves_nothing_there() {
         // On a block a post with a wide plate on it, and a board over the edge of the table, which ends at x = 0.5.
-        let scene = SceneBuilder::table()
+        let table = SceneBuilder::table()
             .object(1, [0.0, 0.0], [0.08, 0.08, 0.05])
             .object_at(2, [0.0, 0.0], 0.05, [0.04, 0.04, 0.1])
             .object_at(2, [0.0, 0.0], 0.15, [0.2, 0.2, 0.02])
             .object(3, [0.47, -0.2], [0.1, 0.05, 0.03])
-            .scene();
-        let after = table_without(&PreparedScene::new(Arc::new(scene.clone())), 2);
+            .prepared();
+        let after = table_without(&table, 2);
         let block: Vec<[f32; 3]> = after.scene.points_of(1).collect();
         assert!(block.iter().all(|p| p[0].abs() < 0.055), "it is 8 cm wide");
         let bared = block.iter().filter(|p| p[0].abs() < 0.02 && p[1].abs() < 0.02 && (p[2] - 0.05).abs() < 0.006).count();
         assert!(bared > 20, "{bared} points where the post stood");
-        assert!(without(&scene, 3).points_of(0).all(|p| p[0] < 0.501), "no table in the air");
+        assert!(table_without(&table, 3).scene.points_of(0).all(|p| p[0] < 0.501), "no table in the air");
     }
+
     #[test]
     fn beside_what_an_object_filled_its_place_stays_unseen() {
         // A bar on the table, at half a right angle to the axes, in space that nobody saw.
@@ -391,11 +384,9 @@ mod tests {
         }
         scene.meta.unseen.space =
             Some(UnseenSpace { origin_m: [-0.2, -0.2, 0.0], cell_m: 0.02, columns: 20, rows: 20, hidden: vec![0b111; 400] });
-        let known = table_without(&PreparedScene::new(Arc::new(scene.clone())), 1).scene;
-        for after in [&without(&scene, 1), &*known] {
-            let hides = |place: [f64; 3]| after.meta.unseen.space.as_ref().unwrap().hides(place);
-            assert_eq!([hides([0.01, 0.01, 0.02]), hides([-0.07, -0.07, 0.02])], [Some(false); 2], "it was there");
-            assert_eq!([hides([0.09, -0.09, 0.02]), hides([-0.07, 0.07, 0.02])], [Some(true); 2], "behind it and before it");
-        }
+        let after = table_without(&PreparedScene::new(Arc::new(scene)), 1).scene;
+        let hides = |place: [f64; 3]| after.meta.unseen.space.as_ref().unwrap().hides(place);
+        assert_eq!([hides([0.01, 0.01, 0.02]), hides([-0.07, -0.07, 0.02])], [Some(false); 2], "it was there");
+        assert_eq!([hides([0.09, -0.09, 0.02]), hides([-0.07, 0.07, 0.02])], [Some(true); 2], "behind it and before it");
     }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use repose_proto::place::Rejection;
 
 use crate::judge::judged::JudgedCandidate;
+use crate::settings::{PlanSettings, Realism};
 
 /// How many of the nearest misses are kept: as many as a batch has elites.
 const NEAREST: usize = 20;
@@ -74,9 +75,13 @@ impl Findings {
         cheapest(&self.accepted)
     }
 
-    /// Where networks only rank: the best candidate that they were asked about after an iteration, the first of equals.
-    pub fn appraised(&self) -> Option<&JudgedCandidate> {
-        cheapest(&self.heard)
+    /// What the answer would be if the search ended now: the best candidate, where networks only rank of those that they were asked about after
+    /// iterations and believe in.
+    pub fn best_so_far(&self, settings: &PlanSettings) -> Option<&JudgedCandidate> {
+        match settings.recipe.realism {
+            Realism::OutcomeRanks => cheapest(self.heard.iter().filter(|j| j.believed(settings))),
+            _ => self.best(),
+        }
     }
 
     /// Where rejected candidates' centroids were, world frame, metres: an even sample by reason.

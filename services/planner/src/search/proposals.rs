@@ -10,9 +10,9 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use repose_geometry::transform::wrap_angle;
 use repose_proto::place::{RegionBox, Rotation};
-use repose_proto::{GoalTerm, Relation};
+use repose_proto::{GoalTerm, Relation, limits};
 
-use crate::checks::rules::Rules;
+use crate::checks::rules::{RuleObject, Rules};
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
@@ -36,8 +36,10 @@ pub struct Proposer<'a> {
     pub query: &'a QueryObject,
     /// The goal.
     pub rules: &'a Rules,
-    /// Boxes to stay inside or out of.
+    /// Boxes to stay inside or out of, asked about the centroid of what was observed of the object.
     pub region: &'a [RegionBox],
+    /// Where that centroid is from the query's, before a turn, seen from above, metres.
+    pub observed_offset: Vector2<f32>,
     /// Whether yaw is drawn.
     pub rotation: Rotation,
     /// Reach and shares.
@@ -60,7 +62,7 @@ impl Proposer<'_> {
 
     /// Whether a proposal, seen from above, lies in a region that is asked for, if any is.
     fn is_over_a_region(&self, proposal: &Proposal) -> bool {
-        let at = proposal.drawn.centroid_m;
+        let at = proposal.drawn.carry(&self.observed_offset);
         let mut asked = self.region.iter().filter(|r| r.inside).peekable();
         asked.peek().is_none() || asked.any(|r| (0..2).all(|k| (r.min_m[k]..=r.max_m[k]).contains(&f64::from(at[k]))))
     }
@@ -68,25 +70,27 @@ impl Proposer<'_> {
     fn drawn(&self, index: u64, rng: &mut Pcg64) -> Proposal {
         let positive: Vec<&GoalTerm> = self.rules.terms().iter().filter(|t| t.holds).collect();
         let anywhere = rng.random_range(0.0..1.0) < self.settings.anywhere_share;
-        let term = positive.get(index as usize % positive.len().max(1));
-        let (axis, mut yaw_rad) = match term {
-            Some(term) if !anywhere => (self.beside(term, rng), self.yaw(term, rng)),
-            _ => (self.anywhere(rng), self.any_yaw(rng)),
+        let term = positive.get(index as usize % positive.len().max(1)).filter(|_| !anywhere);
+        let anchored = term.and_then(|term| Some((term, self.rules.anchor(term.anchor)?)));
+        let axis_offset = self.query.shape.axis_offset();
+        let ((place, offset), mut yaw_rad) = match anchored {
+            Some((term, anchor)) => ((self.beside(term, anchor, rng), axis_offset), self.yaw(term, rng)),
+            None => (self.anywhere(rng), self.any_yaw(rng)),
         };
         if self.rotation == Rotation::Fixed {
             yaw_rad = 0.0;
         }
         let low_m = self.rules.terms().iter().find(|t| t.holds).and_then(|t| self.rules.anchor(t.anchor)).map_or(0.0, |a| a.shape.bottom_m);
+        let turn = nalgebra::Rotation2::new(yaw_rad as f32);
+        let axis = place + turn * (axis_offset - offset);
         let ceiling_m = self.ceiling_m(&axis, low_m, rng);
-        let offset = nalgebra::Rotation2::new(yaw_rad as f32) * self.query.shape.axis_offset();
-        let at = axis - offset;
+        let at = place - turn * offset;
         let centroid = Point3::new(at.x, at.y, low_m + self.query.shape.centroid_height_m());
         Proposal { drawn: CandidatePose::new(&centroid.cast(), yaw_rad), ceiling_m }
     }
 
     /// Where the axis goes so that a term may hold.
-    fn beside(&self, term: &GoalTerm, rng: &mut Pcg64) -> Point2<f32> {
-        let Some(anchor) = self.rules.anchor(term.anchor) else { return self.anywhere(rng) };
+    fn beside(&self, term: &GoalTerm, anchor: &RuleObject, rng: &mut Pcg64) -> Point2<f32> {
         let (a, q) = (&anchor.extents, self.rules.query_extents());
         let (half_anchor, half_query) = ((a.high - a.low).xy() / 2.0, (q.high - q.low).xy() / 2.0);
         let in_viewer = match term.relation {
@@ -138,19 +142,33 @@ impl Proposer<'_> {
         }
     }
 
-    /// Anywhere in an asked region, or else on an observed surface.
-    fn anywhere(&self, rng: &mut Pcg64) -> Point2<f32> {
+    /// Anywhere in an asked region, or else on an observed surface: a place, and what goes there, as an offset from the query's centroid: what the
+    /// region is asked about, or else the axis.
+    fn anywhere(&self, rng: &mut Pcg64) -> (Point2<f32>, Vector2<f32>) {
         let asked: Vec<&RegionBox> = self.region.iter().filter(|r| r.inside).collect();
         if !asked.is_empty() {
             let region = asked[rng.random_range(0..asked.len())];
-            return Point2::from([0, 1].map(|k| between(region.min_m[k], region.max_m[k], rng) as f32));
+            let place = [0, 1].map(|k| self.stretch_m(region, k)).map(|[low_m, high_m]| between(low_m, high_m, rng) as f32);
+            return (place.into(), self.observed_offset);
         }
-        let planes = &self.prepared.belief.planes;
+        let (planes, axis_offset) = (&self.prepared.belief.planes, self.query.shape.axis_offset());
         if planes.is_empty() {
-            return self.query.shape.axis;
+            return (self.query.shape.axis, axis_offset);
         }
         let (min, max) = planes[rng.random_range(0..planes.len())].outline.bounds();
-        Point2::from([0, 1].map(|k| between(f64::from(min[k]), f64::from(max[k]), rng) as f32))
+        (Point2::from([0, 1].map(|k| between(f64::from(min[k]), f64::from(max[k]), rng) as f32)), axis_offset)
+    }
+
+    /// The stretch of a region along world x or y that lies in and around what was seen of surfaces, or where none does, as far as scenes reach: a
+    /// region may go on to any side as far as numbers do.
+    fn stretch_m(&self, region: &RegionBox, k: usize) -> [f64; 2] {
+        let outlines = self.prepared.belief.planes.iter().map(|plane| plane.outline.bounds());
+        let (low_m, high_m) =
+            outlines.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), (min, max)| (low.min(min[k]), high.max(max[k])));
+        let around = [f64::from(low_m) - self.settings.reach_m, f64::from(high_m) + self.settings.reach_m];
+        let within = [region.min_m[k].max(around[0]), region.max_m[k].min(around[1])];
+        let most_m = f64::from(limits::MAX_COORDINATE_M);
+        if within[0] <= within[1] { within } else { [region.min_m[k], region.max_m[k]].map(|v| v.clamp(-most_m, most_m)) }
     }
 
     fn yaw(&self, term: &GoalTerm, rng: &mut Pcg64) -> f64 {
@@ -189,4 +207,49 @@ fn normal(rng: &mut Pcg64) -> f64 {
 
 fn between(low: f64, high: f64, rng: &mut Pcg64) -> f64 {
     low + (high - low) * rng.random_range(0.0..1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use repose_geometry::ViewerFrame;
+
+    use super::*;
+    use crate::settings::Fixed;
+    use crate::tests::synthetic::{Prepared, SceneBuilder};
+
+    /// Where so many proposals put what a region is asked about.
+    fn drawn(region: RegionBox, observed_offset: Vector2<f32>, rotation: Rotation, count: u64) -> Vec<Point2<f32>> {
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.06, 0.05, 0.08]).prepared();
+        let fixed = Fixed::default();
+        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+        assert!(query.shape.axis_offset().norm() > 0.005, "its axis is not where its observed centroid is");
+        let goal = ["right_of:1".parse().unwrap()];
+        let rules = Rules::new(&prepared, 2, &goal, &ViewerFrame::from_yaw(0.0), &fixed.rules).unwrap();
+        let (region, settings) = ([region], &fixed.proposals);
+        let proposer = Proposer { prepared: &prepared, query: &query, rules: &rules, region: &region, observed_offset, rotation, settings };
+        let mut rng = Pcg64::seed_from_u64(3);
+        (0..count).map(|i| proposer.draw(i, &mut rng).drawn.carry(&observed_offset)).collect()
+    }
+
+    #[test]
+    fn what_is_drawn_for_a_region_puts_there_what_the_region_is_asked_about_however_narrow_it_is() {
+        let region = RegionBox { min_m: [0.2, 0.05, -1.0], max_m: [0.203, 0.053, 1.0], inside: true };
+        // As it lies, and on another side, where that centroid is elsewhere in what is judged.
+        for observed_offset in [Vector2::zeros(), Vector2::new(0.03, -0.02)] {
+            for rotation in [Rotation::Fixed, Rotation::Yaw] {
+                let drawn = drawn(region.clone(), observed_offset, rotation, 200);
+                let is_over = |at: &&Point2<f32>| (0.199..0.204).contains(&at.x) && (0.049..0.054).contains(&at.y);
+                let over = drawn.iter().filter(is_over).count();
+                assert!(over > 150, "{over} of 200, {rotation:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn of_a_region_that_goes_on_as_far_as_numbers_do_what_is_drawn_is_around_what_was_seen() {
+        let region = RegionBox { min_m: [0.1, -f64::MAX, -f64::MAX], max_m: [f64::MAX; 3], inside: true };
+        let drawn = drawn(region, Vector2::zeros(), Rotation::Yaw, 300);
+        assert!(drawn.iter().all(|at| at.x < 0.9 && at.y.abs() < 0.9), "{drawn:?}");
+    }
 }

@@ -27,13 +27,15 @@ impl<'a> CandidateSource<'a> {
     /// # Errors
     /// What inference answers.
     pub fn new(judge: &mut Judge<'a>, rng: &mut Pcg64) -> Result<Self, CallError> {
-        let PlacementProblem { prepared, query, rules, request, settings, .. } = judge.problem();
+        let problem = judge.problem();
+        let PlacementProblem { prepared, query, rules, request, settings, .. } = problem;
         let proposals = settings.recipe.proposals;
         let proposer = matches!(proposals, Proposals::Geometric | Proposals::Both).then_some(Proposer {
             prepared,
             query,
             rules,
             region: &request.region,
+            observed_offset: problem.observed_offset(),
             rotation: settings.rotation,
             settings: &settings.fixed.proposals,
         });

@@ -57,6 +57,8 @@ impl PlanSettings {
     pub fn of(request: &PlaceRequest) -> Self {
         let (recipe, fixed) = (Recipe::of(request.variant), Fixed::default());
         let budget = &request.budget;
+        // Other variants refuse to be asked for more than 0.
+        let says_how_sure = recipe.realism == Realism::OutcomeRanks;
         // Without networks a candidate costs microseconds: search widely.
         let (batch, draws) = if recipe.grounded { (200, 5) } else { (100, 3) };
         // The outcome network doubts hardly seen places: where it doubts all places that geometry found, most are good all the same.
@@ -85,7 +87,7 @@ impl PlanSettings {
             relations_threshold: request.thresholds.relations.unwrap_or(0.5),
             min_separation_m: request.min_separation_m.unwrap_or(0.03),
             min_clearance_m: request.min_clearance_m.unwrap_or(0.0),
-            min_success: request.min_success.or((request.variant == Variant::Best).then_some(fixed.ranking.min_success)),
+            min_success: says_how_sure.then(|| request.min_success.unwrap_or(fixed.ranking.min_success)),
             // A request without a pose is refused before, and one that is not rigid by its validation.
             world_from_base: request.robot.as_ref().and_then(|r| r.world_from_base).and_then(|pose| from_row_major(&pose.0).ok()),
             fixed,

@@ -7,7 +7,7 @@ use repose_proto::{ErrorCode, Relation};
 
 use crate::learned::forecast::Forecast;
 use crate::learned::{standing, success};
-use crate::plan::{plan, plan_with_report};
+use crate::plan::{SearchStep, plan, plan_with_report};
 use crate::tests::fake::{BESIDE, Fake, always, moved_by, request, run, scene, stepped};
 use crate::tests::synthetic::{Prepared, SceneBuilder};
 
@@ -82,6 +82,27 @@ fn best_says_how_sure_it_is_and_answers_none_where_that_is_too_little() {
     assert_eq!(run(&prepared, &wanted("right_of:1", None), &silent).placements[0].success, None);
     let error = plan(&prepared, &wanted("right_of:1", Some(0.5)), &silent, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("min_success")));
+}
+
+#[test]
+fn what_is_shown_on_the_way_is_nothing_that_could_be_no_answer() {
+    let prepared = scene();
+    let fake = Fake { success: Some(always(0.1, &success::names())), ..Fake::new(&[BESIDE]) };
+    let shown = |min_success: Option<f64>| {
+        let wanted = PlaceRequest { min_success, ..request(&prepared, Variant::Best, &["right_of:1"]) };
+        let mut shown = Vec::new();
+        plan(&prepared, &wanted, &fake, &mut |step| {
+            if let SearchStep::Iteration(progress) = step {
+                shown.extend(progress.best);
+            }
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        shown
+    };
+    assert!(shown(None).is_empty(), "less sure than is wanted where a request does not say");
+    let unsure = shown(Some(0.0));
+    assert!(!unsure.is_empty() && unsure.iter().all(|best| best.realism > Some(0.05) && best.success.is_some()), "{unsure:?}");
 }
 
 #[test]

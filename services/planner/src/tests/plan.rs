@@ -200,6 +200,8 @@ fn a_variant_that_does_not_say_how_sure_it_is_refuses_the_demand() {
     let demanding = PlaceRequest { min_success: Some(0.9), ..request(&prepared, 2, &["right_of:1"]) };
     let error = plan(&prepared, &demanding, &NoModels, &mut |_| ControlFlow::Continue(())).unwrap_err();
     assert_eq!((error.code, error.field.as_deref()), (ErrorCode::FailedPrecondition, Some("min_success")));
+    let undemanding = PlaceRequest { min_success: Some(0.0), ..demanding };
+    assert_eq!(run(&prepared, &undemanding).min_success, None, "nobody was asked");
 }
 
 #[test]

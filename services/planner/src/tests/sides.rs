@@ -127,6 +127,20 @@ fn a_region_is_asked_about_the_centroid_of_what_was_seen_where_an_answer_lets_go
 }
 
 #[test]
+fn why_there_is_no_answer_is_told_of_all_sides() {
+    let prepared = scene();
+    let mut wanted = fake::request(&prepared, Variant::Best, &["left_of:1", "right_of:1"]);
+    (wanted.rotation, wanted.thresholds.realism) = (Rotation::Stable, Some(0.0));
+    // As it lies it tips.
+    let stands = Some(stepped(&standing::names(), "turned", 0.5, [0.1, 0.9]));
+    let result = fake::run(&prepared, &wanted, &Fake { stands, ..Fake::new(&[BESIDE]) });
+    assert_eq!(result.outcome, Outcome::None);
+    assert!([Rejection::Tips, Rejection::Goal].iter().all(|reason| result.rejections.contains_key(reason)), "{:?}", result.rejections);
+    assert!(result.rejected_at_m.keys().eq(result.rejections.keys()), "{:?}", result.rejected_at_m.keys());
+    assert!(result.relaxation.is_some_and(|relaxation| result.goal.contains(&relaxation.term)));
+}
+
+#[test]
 fn of_an_object_on_another_side_success_is_told_by_how_it_lay_too() {
     let prepared = scene();
     let mut wanted = fake::request(&prepared, Variant::Best, &["right_of:1"]);

@@ -120,6 +120,29 @@ fn a_stop_at_any_batch_asks_nothing_more_and_says_what_it_is() {
 }
 
 #[test]
+fn between_two_questions_to_the_networks_a_stop_is_heard() {
+    let prepared = scene();
+    let mut of_ranking = 0;
+    for seed in 0..6 {
+        let wanted = PlaceRequest { seed, count: 6, ..request(&prepared, Variant::Best, &["right_of:1"]) };
+        let fake = Fake::new(&[BESIDE]);
+        let (mut asked_before, mut searched) = (Vec::new(), 0);
+        plan(&prepared, &wanted, &fake, &mut |step| {
+            asked_before.push(fake.scored.load(Ordering::Relaxed));
+            if step != SearchStep::Batch {
+                searched = asked_before.len();
+            }
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        asked_before.push(fake.scored.load(Ordering::Relaxed));
+        assert!(asked_before.windows(2).all(|steps| steps[1] - steps[0] <= 1), "seed {seed}: {asked_before:?}");
+        of_ranking = of_ranking.max(asked_before[asked_before.len() - 1] - asked_before[searched - 1]);
+    }
+    assert!(of_ranking > 1, "no ranking took more than one question");
+}
+
+#[test]
 fn weights_that_change_half_way_end_the_request() {
     let prepared = scene();
     let fake = Fake { changes_after: 3, ..Fake::new(&[BESIDE]) };

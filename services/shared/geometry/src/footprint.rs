@@ -21,7 +21,9 @@ impl Footprint {
     /// The convex hull of some points.
     fn hull(points: &[Point2<f32>]) -> Option<Self> {
         // Keys of one number each sort several times faster than pairs of coordinates, in the same order.
-        let mut keys: Vec<u64> = points.iter().map(|p| u64::from(ordinal(p.x)) << 32 | u64::from(ordinal(p.y))).collect();
+        // Adding 0 makes one number of the two zeros, which are one place and two ordinals.
+        let key = |p: &Point2<f32>| u64::from(ordinal(p.x + 0.0)) << 32 | u64::from(ordinal(p.y + 0.0));
+        let mut keys: Vec<u64> = points.iter().map(key).collect();
         keys.sort_unstable();
         let mut xy: Vec<Point2<f32>> =
             keys.into_iter().map(|key| Point2::new(of_ordinal((key >> 32) as u32), of_ordinal(key as u32))).collect();
@@ -60,7 +62,8 @@ impl Footprint {
 
     /// The area, square metres.
     pub fn area(&self) -> f32 {
-        edges(&self.corners).map(|(a, b)| a.x * b.y - a.y * b.x).sum::<f32>() / 2.0
+        // From a corner, not from the origin: far from that the area is a small difference of large numbers.
+        edges(&self.corners).map(|(a, b)| cross(&self.corners[0], a, b)).sum::<f32>() / 2.0
     }
 
     /// How far inside the outline a point lies, metres: positive inside (distance to the nearest edge's line), negative outside.
@@ -148,6 +151,17 @@ mod tests {
     }
 
     #[test]
+    fn an_area_is_as_exact_far_from_the_origin() {
+        // Of coordinates that are exact in either place.
+        let area_m2 = |x: f32, y: f32| {
+            let (wide, deep) = (100.0 / 1024.0, 60.0 / 1024.0);
+            let corners = [[x, y, 0.0], [x + wide, y, 0.0], [x + wide, y + deep, 0.0], [x, y + deep, 0.0]].map(Point3::from);
+            Footprint::of(&corners).unwrap().area()
+        };
+        assert_eq!(area_m2(800.0, -500.0), area_m2(0.0, 0.0));
+    }
+
+    #[test]
     fn ordinals_are_in_the_order_of_the_numbers_and_give_them_back() {
         let numbers = [f32::NEG_INFINITY, -2.5, -1e-40, -0.0, 0.0, 1e-40, 0.1, 3.0, f32::INFINITY];
         assert!(numbers.windows(2).all(|pair| ordinal(pair[0]) < ordinal(pair[1])));
@@ -167,6 +181,14 @@ mod tests {
         assert_eq!(Footprint::of(&disc), Footprint::hull(&all));
         let line: Vec<Point3<f32>> = (0..200).map(|k| Point3::new(k as f32, 0.0, 0.0)).collect();
         assert_eq!(Footprint::of(&line), None);
+    }
+
+    #[test]
+    fn zeros_of_either_sign_are_the_same_place() {
+        let corners = [[-0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 2.0, 0.0], [1.0, -0.0, 0.0], [1.0, 2.0, 0.0]].map(Point3::from);
+        let rectangle = Footprint::of(&corners).unwrap();
+        let whole: [Point2<f32>; 4] = [[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]].map(Point2::from);
+        assert_eq!(rectangle.corners(), whole);
     }
 
     #[test]

@@ -165,7 +165,7 @@ impl Run<'_> {
                 self.held.contains(&goal.object).then_some(())?;
                 continue;
             }
-            match all_hold(prepared, &self.task.viewer, goal.object, &goal.terms) {
+            match all_hold(prepared, &self.task.viewer, self.request.variant, goal.object, &goal.terms) {
                 true => self.held.insert(goal.object),
                 false => self.held.remove(&goal.object),
             };

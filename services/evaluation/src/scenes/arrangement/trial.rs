@@ -185,7 +185,7 @@ impl Planning<'_> {
         let mut moves = Vec::new();
         let mut scene = first.clone();
         for goal in order {
-            if all_hold(&scene, &self.task.viewer, goal.object, &goal.terms) {
+            if all_hold(&scene, &self.task.viewer, self.variant, goal.object, &goal.terms) {
                 continue;
             }
             let request = PlaceRequest {
@@ -206,7 +206,7 @@ impl Planning<'_> {
             scene = table_after(&scene, goal.object, &motion, self.variant);
             moves.push((goal.object, motion));
         }
-        let believed = order.iter().all(|goal| all_hold(&scene, &self.task.viewer, goal.object, &goal.terms));
+        let believed = order.iter().all(|goal| all_hold(&scene, &self.task.viewer, self.variant, goal.object, &goal.terms));
         Ok(GoalByGoal { moves, believed })
     }
 
