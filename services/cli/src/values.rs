@@ -8,6 +8,8 @@ use repose_evaluation::scenes::true_shapes::KnownShapes;
 use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
 
+use crate::failure::{CommandResult, Failure};
+
 /// The variant of that name.
 pub fn parse_variant(name: &str) -> Result<Variant, String> {
     named("the variants are", &Variant::ALL, Variant::as_str, name)
@@ -68,6 +70,15 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
         Ok(count) => Ok(count),
         Err(error) => Err(format!("expected a number, at least 1: {error}")),
     }
+}
+
+/// Refuses scenes beyond a split's last: there the next split begins.
+pub fn check_scenes(split: Split, first: u64, count: u64) -> CommandResult {
+    if split.holds(first, count) {
+        return Ok(());
+    }
+    let (name, scenes) = (split.name(), split.scenes());
+    Err(Failure::bad_input("first", format!("the split {name} has {scenes} scenes, and not {count} from number {first} on")))
 }
 
 /// The threads to use: as many as asked for, or one a core.

@@ -29,7 +29,7 @@ use crate::embedded::engine;
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_kind, parse_split, threads};
+use crate::values::{check_scenes, parse_kind, parse_split, threads};
 
 /// Arguments of `generate`.
 #[derive(Debug, Args)]
@@ -102,7 +102,7 @@ const SCENES_PER_SHEET: usize = 6;
 
 /// Runs the command.
 pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
-    args.check()?;
+    check_scenes(args.split, args.first, args.scenes)?;
     let mut settings = GenerateSettings::new(args.out.as_deref().unwrap_or(Path::new("")), args.split, args.scenes);
     settings.first_scene = args.first;
     settings.views = args.views;
@@ -152,19 +152,6 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         }
     }
     output.print(&report.document, || report.text.join("\n"))
-}
-
-impl GenerateArgs {
-    /// Refuses scenes beyond the split's: there the next one begins.
-    fn check(&self) -> CommandResult {
-        let seeds = self.split.seeds();
-        let available = seeds.end - seeds.start;
-        if self.first.checked_add(self.scenes).is_some_and(|end| end <= available) {
-            return Ok(());
-        }
-        let (split, scenes, first) = (self.split.name(), self.scenes, self.first);
-        Err(Failure::bad_input("first", format!("the split {split} has {available} scenes, and not {scenes} from number {first} on")))
-    }
 }
 
 /// Does work that is spread over threads on so many of them.

@@ -7,6 +7,7 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
+use repose_dataset::Split;
 use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_forecast};
 use repose_networks::serving::spread;
 use repose_planner::learned::forecast::{Forecast, ForecastFitData};
@@ -16,6 +17,7 @@ use serde::de::DeserializeOwned;
 
 use crate::failure::Failure;
 use crate::progress::Progress;
+use crate::values::check_scenes;
 
 /// The measures and results of one scene, from which a forecast is fitted.
 pub trait MeasuredScene: Serialize + DeserializeOwned + Send {
@@ -86,6 +88,8 @@ pub struct TriedScenes<'a> {
 impl TriedScenes<'_> {
     /// All scenes by seed: those in the file, and those that are tried now, by their index.
     pub fn tried<S: MeasuredScene>(&self, of: impl Fn(u64) -> Result<S, CallError> + Sync) -> Result<BTreeMap<u64, S>, Failure> {
+        // Beyond the last training scene are those of validation, by which what was learned is judged.
+        check_scenes(Split::Train, self.first_seed.saturating_add(self.first), self.count)?;
         let path = self.data.join(self.file);
         let bad = |e: &dyn Display| Failure::bad_input("data", format!("{}: {e}", path.display()));
         std::fs::create_dir_all(self.data).map_err(|e| bad(&e))?;
