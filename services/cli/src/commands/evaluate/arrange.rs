@@ -7,12 +7,12 @@ use clap::Args;
 use repose_evaluation::report::arrange::{document, text_of};
 use repose_evaluation::report::written::{FileError, write_report};
 use repose_evaluation::scenes::arrangement::carried_out::PlanFault;
-use repose_evaluation::scenes::arrangement::task::{Shapes, TaskKind};
+use repose_evaluation::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
 use repose_evaluation::scenes::arrangement::trial::TaskRecord;
 use repose_evaluation::tables::arrange::{ArrangeTableSettings, arrange_rows, evaluate_arrange};
 use repose_proto::place::Variant;
 
-use super::shared::{TableArgs, can_report};
+use super::shared::{TableArgs, can_report, check_slots};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -56,6 +56,7 @@ pub struct EvaluateArrangeArgs {
 /// Runs the command.
 pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
     can_report(args.out.as_deref(), "arrange")?;
+    check_slots(args.first, args.tasks, ArrangementTask::SLOTS)?;
     let engine = args.common.engine()?;
     let or_all = |given: &[u8]| if given.is_empty() { vec![2, 3, 4, 6, 8] } else { given.iter().map(|n| usize::from(*n)).collect() };
     let goals: Vec<usize> = or_all(&args.goals);

@@ -19,7 +19,7 @@ use repose_proto::Relation;
 use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
 
-use super::shared::{TableArgs, can_report, folder_name, only_meshes};
+use super::shared::{TableArgs, can_report, check_slots, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -77,6 +77,7 @@ pub struct EvaluatePlannerArgs {
 /// Runs the command.
 pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     can_report(args.out.as_deref(), "planner")?;
+    check_slots(args.first, args.scenes, SceneSet::SLOTS)?;
     let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
     let mut made_with = serde_json::json!({
@@ -229,5 +230,14 @@ mod tests {
         assert!(read("planner_large_box.svg").contains("</svg>"));
         let refused = run(&line("2", "test"), Output { json: false }).expect_err("other settings");
         assert_eq!(refused.exit_code(), 2);
+    }
+
+    #[test]
+    fn scenes_of_the_next_block_are_refused_before_a_block_is_claimed() {
+        for first in ["50000000", "999999", "18446744073709551615"] {
+            let line = ["x", "--scenes", "2", "--split", "final", "--first", first];
+            let refused = run(&Line::parse_from(line).args, Output { json: false }).expect_err("beyond the table");
+            assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("first")));
+        }
     }
 }

@@ -78,6 +78,15 @@ impl SceneRange {
     }
 }
 
+/// Refuses parts of a table beyond its last slot: they would be of other slots' seeds, and further on of those of the next block of `final`, which
+/// would have been looked at before it is run.
+pub fn check_slots(first: u64, count: usize, slots: u64) -> CommandResult {
+    if first.checked_add(count as u64).is_some_and(|end| end <= slots) {
+        return Ok(());
+    }
+    Err(Failure::bad_input("first", format!("a table has at most {slots} of each kind, and not {count} from number {first} on")))
+}
+
 /// Refuses a folder to which the report of a table cannot be written: after hours of making it that would be too late to say.
 pub fn can_report(folder: Option<&Path>, table: &str) -> CommandResult {
     folder.map_or(Ok(()), |folder| can_write(&folder.join(format!("{table}.json")))).map_err(Failure::from)
