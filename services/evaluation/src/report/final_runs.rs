@@ -21,7 +21,7 @@ pub struct FinalRun {
     pub table: String,
     /// The block of the split.
     pub block: u64,
-    /// The commit of the code, with `-dirty` where files differed from it; `unknown` outside a checkout.
+    /// The commit of the code that ran, as [`commit`] says it.
     pub commit: String,
     /// What the table was made with: weights, settings.
     pub made_with: Value,
@@ -51,7 +51,10 @@ pub enum FinalRunError {
     #[error("files differ from commit {0}: a run of `final` names the code that made it, so commit first")]
     Dirty(String),
     /// Nobody knows which code it is.
-    #[error("the commit is not known: a run of `final` names the code that made it, so run it in a checkout, with git at hand")]
+    #[error(
+        "the commit of this program is not known: a run of `final` names the code that made it, so build it in a checkout, and run what cargo has \
+         built (target/release/repose, with its list repose.d beside it) there, with git at hand"
+    )]
     Unknown,
 }
 
@@ -89,18 +92,48 @@ pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_
 
 /// What a commit that files differ from ends in.
 const DIRTY: &str = "-dirty";
-/// The commit outside a checkout.
+/// The commit of a program of which nobody knows what it was built from.
 const UNKNOWN: &str = "unknown";
 
-/// The commit that is checked out in the working directory.
+/// The commit of this program: the one that is checked out in the working directory, where the program was built from that checkout as it is now;
+/// with `-dirty` where files differ from it, and `unknown` where the program is of other files, or nobody can tell of which.
 pub fn commit() -> String {
     let git = |arguments: &[&str]| {
         let said = std::process::Command::new("git").args(arguments).stderr(std::process::Stdio::null()).output().ok()?;
         said.status.success().then(|| String::from_utf8_lossy(&said.stdout).trim().to_owned())
     };
-    let Some(head) = git(&["rev-parse", "HEAD"]) else { return UNKNOWN.to_owned() };
+    let (Some(head), Some(top)) = (git(&["rev-parse", "HEAD"]), git(&["rev-parse", "--show-toplevel"])) else {
+        return UNKNOWN.to_owned();
+    };
+    // What is checked out says nothing of a program that was built before it was, or somewhere else.
+    let is_of_checkout = std::env::current_exe().and_then(|program| is_built_from(&program, Path::new(&top)));
+    if !is_of_checkout.unwrap_or(false) {
+        return UNKNOWN.to_owned();
+    }
     let differs = git(&["status", "--porcelain", "--untracked-files=no"]).is_none_or(|changes| !changes.is_empty());
     format!("{head}{}", if differs { DIRTY } else { "" })
+}
+
+/// Whether a program was built from files of a checkout that have stayed as they were. Cargo lists what it has built a program from beside it, in
+/// `repose.d` for `repose`, and goes by the times of the same files to tell whether it has to be built again.
+///
+/// # Errors
+/// When there is no such list, or a file in it is not there.
+fn is_built_from(program: &Path, checkout: &Path) -> std::io::Result<bool> {
+    let list = std::fs::read_to_string(program.with_extension("d"))?;
+    let (built, checkout) = (std::fs::metadata(program)?.modified()?, checkout.canonicalize()?);
+    let (_, files) = list.lines().next().and_then(|line| line.split_once(": ")).unwrap_or_default();
+    // A space in a name stands behind a backslash; no name has a zero.
+    let files = files.replace("\\ ", "\0");
+    let mut count = 0;
+    for file in files.split(' ').filter(|file| !file.is_empty()) {
+        let file = checkout.join(file.replace('\0', " ")).canonicalize()?;
+        if !file.starts_with(&checkout) || file.metadata()?.modified()? > built {
+            return Ok(false);
+        }
+        count += 1;
+    }
+    Ok(count > 0)
 }
 
 /// The ledger in a checkout, seen from its top folder.
@@ -150,6 +183,41 @@ mod tests {
             assert!(matches!(refused, FinalRunError::Unknown), "{refused}");
         }
         assert!(!ledger.exists(), "no block is spent");
+    }
+
+    #[test]
+    fn a_program_is_of_a_checkout_while_what_it_was_built_from_stays_as_it_was() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [checkout, elsewhere] = ["check out", "elsewhere"].map(|name| folder.path().join(name));
+        let program = folder.path().join("target").join("repose");
+        let sources = [checkout.join("src/main.rs"), checkout.join("src/lib.rs")];
+        for file in sources.iter().chain([&program, &elsewhere.join("lib.rs")]) {
+            std::fs::create_dir_all(file.parent().expect("a folder")).expect("made");
+            std::fs::write(file, "").expect("written");
+        }
+        let is_of = |checkout: &Path| is_built_from(&program, checkout).ok();
+        assert_eq!(is_of(&checkout), None, "nobody knows what it was built from");
+        let list = |files: &[PathBuf]| {
+            let files: Vec<String> = files.iter().map(|file| file.display().to_string().replace(' ', "\\ ")).collect();
+            std::fs::write(program.with_extension("d"), format!("{}: {}\n", program.display(), files.join(" "))).expect("written");
+        };
+        list(&[]);
+        assert_eq!(is_of(&checkout), Some(false));
+        list(&sources);
+        let written_at = |file: &Path, after_s: u64| {
+            let file = std::fs::File::options().write(true).open(file).expect("a file");
+            file.set_modified(UNIX_EPOCH + std::time::Duration::from_secs(after_s)).expect("its time is set");
+        };
+        written_at(&program, 2000);
+        sources.iter().for_each(|source| written_at(source, 1000));
+        assert_eq!((is_of(&checkout), is_of(&elsewhere)), (Some(true), Some(false)));
+        written_at(&sources[1], 3000);
+        assert_eq!(is_of(&checkout), Some(false), "another commit was checked out since");
+        written_at(&sources[1], 1000);
+        list(&[sources[0].clone(), elsewhere.join("lib.rs")]);
+        assert_eq!(is_of(&checkout), Some(false), "it was built somewhere else");
+        list(&[sources[0].clone(), checkout.join("src/gone.rs")]);
+        assert_eq!(is_of(&checkout), None);
     }
 
     #[test]

@@ -18,8 +18,8 @@ use crate::values::{parse_table_split, threads};
 /// What every table of the networks and the planner is told.
 #[derive(Debug, Args)]
 pub struct TableArgs {
-    /// The split: validation; test (a second validation set by now); or final, for published figures: each block of it is run once, from a clean
-    /// checkout, and recorded in services/evaluation/record/final.jsonl.
+    /// The split: validation; test (a second validation set by now); or final, for published figures: each block of it is run once, in a clean
+    /// checkout by the program that cargo built of it, and recorded in services/evaluation/record/final.jsonl.
     #[arg(long, default_value = "validation", value_parser = parse_table_split)]
     pub split: Split,
     /// The block of `final`. Default: the next one, or the one that an interrupted run of the same code and settings had started.
@@ -65,7 +65,7 @@ pub struct SceneRange {
     pub first: u64,
     /// The block of `final`.
     pub block: Option<u64>,
-    /// The commit of the code that makes the table.
+    /// The commit of the code that makes the table; `unknown` where the program is not of the checkout that it runs in.
     pub commit: String,
 }
 
