@@ -124,7 +124,10 @@ pub struct Report {
     pub offered_per_s: f64,
     /// Requests a second that ended.
     pub achieved_per_s: f64,
-    /// Requests a second that were answered within their deadline.
+    /// Requests that were answered within their deadline.
+    #[serde(skip)]
+    pub answered_in_time: usize,
+    /// The same, a second.
     pub goodput_per_s: f64,
     /// The highest rate that kept the objective.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -180,7 +183,8 @@ impl Report {
         let seconds = elapsed.as_secs_f64();
         report.achieved_per_s = ended.len() as f64 / seconds;
         report.offered_per_s = rate.unwrap_or(report.achieved_per_s);
-        report.goodput_per_s = ended.iter().filter(is_answered).filter(|end| !end.late).count() as f64 / seconds;
+        report.answered_in_time = ended.iter().filter(is_answered).filter(|end| !end.late).count();
+        report.goodput_per_s = report.answered_in_time as f64 / seconds;
         report.latency_ms = percentiles(ended.iter().map(milliseconds))?;
         for outcome in ended.iter().map(|end| &end.outcome) {
             if !report.outcome_latency_ms.contains_key(outcome) {
@@ -202,8 +206,7 @@ impl Report {
 
     /// The share of the requests that were answered, and not late.
     pub fn answered_share(&self) -> f64 {
-        let answered = self.per_worker.values().sum::<usize>().saturating_sub(self.late);
-        answered as f64 / (self.requests + self.dropped).max(1) as f64
+        self.answered_in_time as f64 / (self.requests + self.dropped).max(1) as f64
     }
 }
 
@@ -265,5 +268,21 @@ impl std::fmt::Display for Report {
             writeln!(f, "faults: {}", counts(&faults))?;
         }
         write!(f, "answers by worker: {}", counts(&self.per_worker))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_that_is_lost_or_late_is_missing_once_from_what_was_answered() {
+        let answered = Ended { outcome: "result".to_owned(), worker: Some("planner-1".to_owned()), ..Ended::lost() };
+        let mut ended = vec![answered.clone(); 97];
+        // Who hears of nothing waits beyond the deadline.
+        ended.extend([Ended { late: true, ..Ended::lost() }, Ended { late: true, ..answered }]);
+        let asked = Asked { ended, dropped: 1, duplicates: 0, elapsed: Duration::from_secs(10) };
+        let report = Report::new(&asked, None, &[]).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!((report.late, report.goodput_per_s, report.answered_share()), (2, 9.7, 0.97));
     }
 }
