@@ -116,19 +116,14 @@ pub fn with_own_conflicts(arrange: clap::Command) -> clap::Command {
 impl ArrangeArgs {
     /// Refuses what would go unheeded.
     fn check(&self) -> CommandResult {
-        let system = &self.connect.system;
         if self.frame.is_none() {
             return match self.networks.weights {
                 Some(_) => Err(Failure::bad_input("weights", "is for a frame; a running system's inference has its own")),
                 None => Ok(()),
             };
         }
-        for (option, given, variable) in [("connect", &system.connect, "REPOSE_CONNECT"), ("cell", &system.cell, "REPOSE_CELL")] {
-            if given.is_some() && *given != std::env::var(variable).ok() {
-                return Err(Failure::bad_input(option, "is of a running system, and a frame is arranged in this process"));
-            }
-        }
-        Ok(())
+        let refused = |option| Err(Failure::bad_input(option, "is of a running system, and a frame is arranged in this process"));
+        self.connect.system.chosen().map_or(Ok(()), refused)
     }
 
     fn request(&self, scene_id: String) -> ArrangeRequest {

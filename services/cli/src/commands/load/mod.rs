@@ -196,6 +196,9 @@ fn check(args: &LoadArgs) -> CommandResult {
     if args.up && system.config.is_some() {
         return Err(Failure::bad_input("up", "starts a system of its own, which takes no --config"));
     }
+    if let Some(option) = system.chosen().filter(|_| args.up) {
+        return Err(Failure::bad_input(option, "is of another system than the one that --up starts"));
+    }
     if args.rate.is_some_and(|r| !(r > 0.0 && r.is_finite() && args.requests as f64 / r <= LONGEST_RUN_S)) {
         return Err(Failure::bad_input("rate", format!("expected more than 0 requests per second, and all within {LONGEST_RUN_S:.0} s")));
     }
