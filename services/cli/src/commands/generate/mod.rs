@@ -54,8 +54,8 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "DIR", group = "product")]
     pub frames: Option<PathBuf>,
     /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
-    /// rejections. The histograms are drawn beside it (.svg). With `--out`, only scenes written by this run are counted.
-    #[arg(long, value_name = "FILE", group = "product")]
+    /// rejections. The histograms are drawn beside it, in a file of that name with .svg at its end. With `--out`, only scenes written by this run are counted.
+    #[arg(long, value_name = "FILE", group = "product", value_parser = parse_numbers_file)]
     pub statistics: Option<PathBuf>,
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "train", value_parser = parse_split)]
@@ -85,13 +85,22 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "FILE", requires = "proposals")]
     pub weights: Option<PathBuf>,
     /// Store color in the shards; training does not need it.
-    #[arg(long)]
+    #[arg(long, requires = "out")]
     pub color: bool,
     /// Threads. Default: one per core. The output does not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }
 
+/// A file for numbers, beside which there is room for their pictures.
+fn parse_numbers_file(path: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(path);
+    let is_picture = path == path.with_extension(PICTURE);
+    if is_picture { Err(format!("the histograms are drawn there: expected a name that does not end in .{PICTURE}")) } else { Ok(path) }
+}
+
+/// How the file ends in which histograms are drawn beside their numbers.
+const PICTURE: &str = "svg";
 /// How often each relation held in the paper's evaluation set, percent, in wire order (its Table 2; `aligned` was left out).
 const PAPER_PERCENT: [Option<f64>; 10] =
     [Some(13.9), Some(14.0), Some(4.6), Some(5.0), Some(4.3), Some(4.3), Some(29.0), Some(12.7), Some(5.6), None];
@@ -259,7 +268,7 @@ fn write_statistics(path: &Path, statistics: &Statistics) -> CommandResult {
         Panel { title: "Distance between surfaces", histogram: &statistics.gaps, limits_mm: &[1.0, 2.5, 50.0] },
         Panel { title: "Horizontal distance between centres", histogram: &statistics.center_offsets, limits_mm: &[1.0] },
     ];
-    let picture = path.with_extension("svg");
+    let picture = path.with_extension(PICTURE);
     std::fs::write(&picture, histograms(&panels).map_err(Failure::other)?).map_err(|e| failed(&picture, &e))
 }
 
@@ -322,6 +331,11 @@ mod tests {
     fn something_must_be_made() {
         assert!(parsed(&["--scenes", "3"]).is_err());
         assert!(parsed(&["--show", "a", "--scenes", "0"]).is_err() && parsed(&["--show", "a", "--views", "0"]).is_err());
+        assert!(
+            parsed(&["--statistics", "b.svg"]).is_err_and(|e| e.to_string().contains("histograms")),
+            "one would be written over the other"
+        );
+        assert!(parsed(&["--show", "a", "--color"]).is_err(), "sheets have it in any case, and nothing else is stored");
         assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
     }
 
