@@ -8,7 +8,7 @@ use repose_evaluation::report::written::{can_write, write_picture};
 use repose_evaluation::scenes::robot_scene::TableCondition;
 use repose_evaluation::scenes::robot_settings::DEFAULT_ATTEMPTS;
 use repose_evaluation::scenes::robot_trial::Cause;
-use repose_evaluation::tables::robot::{OBJECTS, RobotTableSettings, evaluate_robot};
+use repose_evaluation::tables::robot::{OBJECTS, RobotTableError, RobotTableSettings, evaluate_robot};
 use repose_local::picture::{rgb_image, side_by_side};
 use repose_simulator::objects::{MeshLibrary, MeshSettings};
 
@@ -79,7 +79,10 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
             picture_failure = write_picture(&folder.join(name), &side_by_side(&pictures).into()).err().or(picture_failure.take());
         }
     });
-    let table = table.map_err(Failure::other)?;
+    let table = table.map_err(|e| match e {
+        RobotTableError::NoObject(_) => Failure::bad_input("objects", format!("{}: {e}", args.objects.display())),
+        other => Failure::other(other),
+    })?;
     output.print(&report::robot::document(&table), || report::robot::text_of(&table))?;
     // A disk that fills up takes pictures, and not the table.
     match picture_failure {
