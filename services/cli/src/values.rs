@@ -72,6 +72,17 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
     }
 }
 
+/// What was given, or all that there are where nothing was; what was given twice is meant once, and would count twice.
+pub fn distinct_or<T: Clone + PartialEq>(given: &[T], all: &[T]) -> Vec<T> {
+    let mut distinct: Vec<T> = Vec::with_capacity(given.len());
+    for one in if given.is_empty() { all } else { given } {
+        if !distinct.contains(one) {
+            distinct.push(one.clone());
+        }
+    }
+    distinct
+}
+
 /// Refuses scenes beyond a split's last: there the next split begins.
 pub fn check_scenes(split: Split, first: u64, count: u64) -> CommandResult {
     if split.holds(first, count) {
@@ -108,6 +119,15 @@ mod tests {
     fn none_is_no_count() {
         assert_eq!(parse_count("3"), Ok(3));
         assert!(["0", "-1", "many"].iter().all(|text| parse_count(text).is_err_and(|e| e.contains("at least 1"))));
+    }
+
+    #[test]
+    fn what_is_given_twice_is_meant_once() {
+        assert_eq!(
+            distinct_or(&[SceneKind::Shelf, SceneKind::Pile, SceneKind::Shelf], &SceneKind::ALL),
+            [SceneKind::Shelf, SceneKind::Pile]
+        );
+        assert_eq!(distinct_or(&[], &SceneKind::ALL), SceneKind::ALL);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use super::shared::only_meshes;
 use crate::failure::CommandResult;
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{check_scenes, parse_count, parse_kind, parse_split, threads};
+use crate::values::{check_scenes, distinct_or, parse_count, parse_kind, parse_split, threads};
 
 /// Arguments of `evaluate belief`.
 #[derive(Debug, Args)]
@@ -48,7 +48,7 @@ pub fn run(args: &EvaluateBeliefArgs, output: Output) -> CommandResult {
     if let Some(folder) = &args.objects {
         only_meshes(&mut problem.scene, folder)?;
     }
-    let kinds = if args.kinds.is_empty() { SceneKind::ALL.to_vec() } else { args.kinds.clone() };
+    let kinds = distinct_or(&args.kinds, &SceneKind::ALL);
     let settings = BeliefTableSettings {
         problem,
         kinds,

@@ -13,7 +13,7 @@ use super::shared::{TableArgs, can_report, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_variant};
+use crate::values::{distinct_or, parse_count, parse_variant};
 
 /// Arguments of `evaluate discriminator`.
 #[derive(Debug, Args)]
@@ -43,7 +43,7 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> CommandResult {
     can_report(args.out.as_deref(), "discriminator")?;
     let mut settings = DiscriminatorSettings {
         samples: args.samples,
-        variants: args.variants.clone(),
+        variants: distinct_or(&args.variants, &[]),
         threads: args.common.threads(),
         ..DiscriminatorSettings::default()
     };

@@ -23,7 +23,7 @@ use super::shared::{TableArgs, can_report, check_slots, folder_name, only_meshes
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_kind, parse_known_shapes, parse_perturbation, parse_rotation, parse_variant};
+use crate::values::{distinct_or, parse_count, parse_kind, parse_known_shapes, parse_perturbation, parse_rotation, parse_variant};
 
 /// The kinds that scenes of a user's meshes take turns in.
 const KINDS: [SceneKind; 6] =
@@ -140,9 +140,9 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
         let meshes = args.objects.iter().map(|_| set("objects", &KINDS, &of_meshes));
         meshes.chain([set(SceneKind::Kitchen.name(), &[SceneKind::Kitchen], &own)]).collect()
     } else {
-        args.kinds.iter().map(|kind| set(kind.name(), &[*kind], &of_meshes)).collect()
+        distinct_or(&args.kinds, &[]).into_iter().map(|kind| set(kind.name(), &[kind], &of_meshes)).collect()
     };
-    let variants = if args.variants.is_empty() { Variant::ALL.to_vec() } else { args.variants.clone() };
+    let variants = distinct_or(&args.variants, &Variant::ALL);
     Ok(PlannerTableSettings {
         split: args.common.split,
         sets,

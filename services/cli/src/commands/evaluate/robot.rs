@@ -14,7 +14,7 @@ use repose_simulator::objects::{MeshLibrary, MeshSettings};
 
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
-use crate::values::parse_count;
+use crate::values::{distinct_or, parse_count};
 use repose_local::LocalModels;
 
 /// Arguments of `evaluate robot`.
@@ -56,9 +56,7 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
     let library = MeshLibrary::load(&args.objects, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
     let mut settings = RobotTableSettings { trials: args.trials, seed: args.seed, ..RobotTableSettings::default() };
     settings.trial.attempts = args.attempts;
-    if !args.only.is_empty() {
-        settings.objects.clone_from(&args.only);
-    }
+    settings.objects = distinct_or(&args.only, &settings.objects);
     if let Some(condition) = args.condition {
         settings.conditions = vec![condition];
     }
