@@ -63,7 +63,7 @@ pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
     let shapes = distinct_or(&args.shapes, &Shapes::ALL);
     let made_with = serde_json::json!({
         "weights_hash": engine.weights_hash(), "variant": args.variant, "goals": goals, "kinds": kinds, "shapes": shapes,
-        "tasks": args.tasks,
+        "tasks": args.tasks, "looks": !args.without_looks, "bars": !args.without_bars,
     });
     let scenes = args.common.first("arrange", &made_with)?;
     let settings = ArrangeTableSettings {

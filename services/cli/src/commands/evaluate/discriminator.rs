@@ -52,7 +52,10 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> CommandResult {
     }
     let engine = args.common.engine()?;
     let objects = folder_name(args.objects.as_deref());
-    let made_with = json!({"weights_hash": engine.weights_hash(), "objects": objects});
+    let made_with = json!({
+        "weights_hash": engine.weights_hash(), "objects": objects, "scenes": args.scenes, "samples": settings.samples,
+        "variants": settings.variants,
+    });
     let scenes = args.common.first("discriminator", &made_with)?;
     settings.first = scenes.first;
     let progress = Progress::new(args.scenes as u64, "scenes");
