@@ -135,7 +135,8 @@ pub struct LoadArgs {
 
 fn parse_rate(text: &str) -> Result<f64, String> {
     let rate: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if (0.0..=1000.0).contains(&rate) { Ok(rate) } else { Err("expected 0 to 1000".to_owned()) }
+    // Of less than one in a quarter of an hour no run would tell.
+    if rate == 0.0 || (1e-3..=1e3).contains(&rate) { Ok(rate) } else { Err("expected 0, or 0.001 to 1000".to_owned()) }
 }
 
 /// The longest run that a rate may ask for, seconds.

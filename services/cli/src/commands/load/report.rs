@@ -198,8 +198,9 @@ impl Report {
         for (name, priority) in [("interactive", Priority::Interactive), ("batch", Priority::Batch)] {
             report.priorities.insert(name, OfSome::of(ended.iter().filter(|end| end.priority == priority))?);
         }
-        for (number, name) in kinds.iter().enumerate().filter(|_| kinds.len() > 1) {
-            report.kinds.insert(name.clone(), OfSome::of(ended.iter().filter(|end| end.kind == number))?);
+        for name in kinds.iter().filter(|_| kinds.len() > 1) {
+            // Two of one name are the same kind, with a share each.
+            report.kinds.insert(name.clone(), OfSome::of(ended.iter().filter(|end| kinds.get(end.kind) == Some(name)))?);
         }
         Ok(report)
     }
@@ -284,5 +285,13 @@ mod tests {
         let asked = Asked { ended, dropped: 1, duplicates: 0, elapsed: Duration::from_secs(10) };
         let report = Report::new(&asked, None, &[]).unwrap_or_else(|e| panic!("{e:?}"));
         assert_eq!((report.late, report.goodput_per_s, report.answered_share()), (2, 9.7, 0.97));
+    }
+
+    #[test]
+    fn kinds_of_one_name_are_told_together() {
+        let ended = [0, 0, 1].map(|kind| Ended { kind, ..Ended::lost() }).to_vec();
+        let asked = Asked { ended, dropped: 0, duplicates: 0, elapsed: Duration::from_secs(1) };
+        let report = Report::new(&asked, None, &["count=2", "count=2"].map(str::to_owned)).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!(report.kinds.values().map(|kind| kind.requests).collect::<Vec<_>>(), [3]);
     }
 }
