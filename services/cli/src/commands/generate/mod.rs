@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use repose_dataset::Split;
 use repose_evaluation::report::histogram::{Panel, histograms};
 use repose_evaluation::report::written::can_write;
+use repose_evaluation::scenes::proposals::ProposalSettings;
 use repose_geometry::{Image, ViewerFrame};
 use repose_local::picture::rgb_image;
 use repose_proto::Relation;
@@ -54,7 +55,8 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "DIR", group = "product")]
     pub frames: Option<PathBuf>,
     /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
-    /// rejections. The histograms are drawn beside it, in a file of that name with .svg at its end. With `--out`, only scenes written by this run are counted.
+    /// rejections. The histograms are drawn beside it, in a file of its name that ends in .svg. With `--out`, only scenes written by this run are
+    /// counted.
     #[arg(long, value_name = "FILE", group = "product", value_parser = parse_numbers_file)]
     pub statistics: Option<PathBuf>,
     /// Which split's seeds: train, validation or test.
@@ -77,9 +79,9 @@ pub struct GenerateArgs {
     /// outcomes that they lack.
     #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
     pub releases: usize,
-    /// Simulate this many releases of one object per scene, at placements proposed by the prior (half), the prior with a turn (a quarter) and the
-    /// geometric planner (a quarter).
-    #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
+    /// Simulate this many releases of one object per scene, 256 at most, at placements proposed by the prior (half), the prior with a turn (a
+    /// quarter) and the geometric planner (a quarter).
+    #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out", value_parser = parse_proposals)]
     pub proposals: u32,
     /// A weights file for `--proposals`. Default: the program's own weights.
     #[arg(long, value_name = "FILE", requires = "proposals")]
@@ -90,6 +92,11 @@ pub struct GenerateArgs {
     /// Threads. Default: one per core. The output does not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
+}
+
+fn parse_proposals(text: &str) -> Result<u32, String> {
+    let most = ProposalSettings::MOST;
+    text.parse::<u32>().ok().filter(|count| *count <= most).ok_or_else(|| format!("expected 0 to {most}"))
 }
 
 /// A file for numbers, beside which there is room for their pictures.
@@ -335,6 +342,8 @@ mod tests {
             parsed(&["--statistics", "b.svg"]).is_err_and(|e| e.to_string().contains("histograms")),
             "one would be written over the other"
         );
+        let proposals = |count| parsed(&["--out", "c", "--proposals", count]);
+        assert!(proposals("256").is_ok() && proposals("257").is_err_and(|e| e.to_string().contains("256")), "more than the planner gives");
         assert!(parsed(&["--show", "a", "--color"]).is_err(), "sheets have it in any case, and nothing else is stored");
         assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
     }
