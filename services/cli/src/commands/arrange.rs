@@ -89,7 +89,15 @@ pub async fn run(args: &ArrangeArgs, output: Output) -> CommandResult {
         None => asked(args).await?,
     };
     output.print(&result, || describe(&result, &objects))?;
-    if result.outcome == Found::Found { Ok(()) } else { Err(Failure::NoPlacement) }
+    ended(result.outcome, result.moves.len())
+}
+
+/// How the command ends, as `plan` and `place` do: moves that are part of what was asked for are an answer.
+fn ended(outcome: Found, moves: usize) -> CommandResult {
+    match (outcome, moves) {
+        (Found::Found, _) | (Found::Partial, 1..) => Ok(()),
+        _ => Err(Failure::NoPlacement),
+    }
 }
 
 /// The answer of a running system for its newest scene, and that scene's objects.
@@ -204,4 +212,16 @@ fn conflict(conflict: &Conflict) -> String {
 
 fn ids(objects: &[u16]) -> String {
     objects.iter().map(u16::to_string).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_placement_is_where_there_is_none() {
+        let code = |outcome, moves| ended(outcome, moves).map_or_else(|failure| failure.exit_code(), |()| 0);
+        assert_eq!([code(Found::Found, 0), code(Found::Found, 2), code(Found::Partial, 2)], [0; 3]);
+        assert_eq!([code(Found::Partial, 0), code(Found::None, 0)], [3; 2]);
+    }
 }
