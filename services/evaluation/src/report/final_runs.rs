@@ -4,7 +4,8 @@
 //! down when it begins, and a block that was run is a validation split from then on. An interrupted run goes on; anything else takes the
 //! next block.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -70,7 +71,15 @@ pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_
     if commit == UNKNOWN {
         return Err(FinalRunError::Unknown);
     }
-    let runs: Vec<FinalRun> = read(ledger)?.into_iter().filter(|run| run.table == table).collect();
+    // Who claims at the same time waits, or would take the same block. The lock goes with the file.
+    let failed = |e: std::io::Error| FileError::new(ledger, e);
+    let mut file = File::options().read(true).append(true).create(true).open(ledger).map_err(failed)?;
+    file.lock().map_err(failed)?;
+    let mut text = String::new();
+    file.read_to_string(&mut text).map_err(failed)?;
+    let runs: Result<Vec<FinalRun>, FileError> =
+        text.lines().map(|line| serde_json::from_str(line).map_err(|e| FileError::new(ledger, e))).collect();
+    let runs: Vec<FinalRun> = runs?.into_iter().filter(|run| run.table == table).collect();
     let next = runs.iter().map(|run| run.block + 1).max().unwrap_or(0);
     let goes_on = |run: &FinalRun| run.commit == commit && run.made_with == *made_with;
     // Without a block asked for, the last run goes on if it can.
@@ -85,8 +94,7 @@ pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_
     let begun_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let run = FinalRun { table: table.to_owned(), block, commit: commit.to_owned(), made_with: made_with.clone(), begun_s };
     let line = serde_json::to_string(&run).map_err(|e| FileError::new(ledger, e))?;
-    let mut file = std::fs::File::options().append(true).create(true).open(ledger).map_err(|e| FileError::new(ledger, e))?;
-    writeln!(file, "{line}").map_err(|e| FileError::new(ledger, e))?;
+    writeln!(file, "{line}").map_err(failed)?;
     Ok(block)
 }
 
@@ -141,15 +149,6 @@ pub fn ledger() -> PathBuf {
     PathBuf::from("services/evaluation/record/final.jsonl")
 }
 
-fn read(ledger: &Path) -> Result<Vec<FinalRun>, FileError> {
-    let text = match std::fs::read_to_string(ledger) {
-        Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-        Err(error) => return Err(FileError::new(ledger, error)),
-    };
-    text.lines().map(|line| serde_json::from_str(line).map_err(|e| FileError::new(ledger, e))).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use serde_json::json;
@@ -172,6 +171,25 @@ mod tests {
         assert_eq!(std::fs::read_to_string(&ledger).expect("a file").lines().count(), 4);
         let dirty = claim(&ledger, "planner", None, "c3-dirty", &new).expect_err("what made it has no name").to_string();
         assert!(dirty.contains("c3") && dirty.contains("commit first"), "{dirty}");
+    }
+
+    #[test]
+    fn two_that_claim_at_once_take_two_blocks() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let ledger = folder.path().join("final.jsonl");
+        const RUNS: usize = 8;
+        let together = std::sync::Barrier::new(RUNS);
+        let claimed = |k: usize| {
+            together.wait();
+            claim(&ledger, "planner", None, "c", &json!({"variants": [k]})).expect("a block")
+        };
+        let mut blocks: Vec<u64> = std::thread::scope(|scope| {
+            let claimed = &claimed;
+            let runs: Vec<_> = (0..RUNS).map(|k| scope.spawn(move || claimed(k))).collect();
+            runs.into_iter().map(|run| run.join().expect("it ends")).collect()
+        });
+        blocks.sort_unstable();
+        assert_eq!(blocks, (0..RUNS as u64).collect::<Vec<_>>());
     }
 
     #[test]
@@ -205,7 +223,7 @@ mod tests {
         assert_eq!(is_of(&checkout), Some(false));
         list(&sources);
         let written_at = |file: &Path, after_s: u64| {
-            let file = std::fs::File::options().write(true).open(file).expect("a file");
+            let file = File::options().write(true).open(file).expect("a file");
             file.set_modified(UNIX_EPOCH + std::time::Duration::from_secs(after_s)).expect("its time is set");
         };
         written_at(&program, 2000);
