@@ -106,11 +106,8 @@ const UNKNOWN: &str = "unknown";
 /// The commit of this program: the one that is checked out in the working directory, where the program was built from that checkout as it is now;
 /// with `-dirty` where files differ from it, and `unknown` where the program is of other files, or nobody can tell of which.
 pub fn commit() -> String {
-    let git = |arguments: &[&str]| {
-        let said = std::process::Command::new("git").args(arguments).stderr(std::process::Stdio::null()).output().ok()?;
-        said.status.success().then(|| String::from_utf8_lossy(&said.stdout).trim().to_owned())
-    };
-    let (Some(head), Some(top)) = (git(&["rev-parse", "HEAD"]), git(&["rev-parse", "--show-toplevel"])) else {
+    let here = Path::new(".");
+    let (Some(head), Some(top)) = (git(here, &["rev-parse", "HEAD"]), git(here, &["rev-parse", "--show-toplevel"])) else {
         return UNKNOWN.to_owned();
     };
     // What is checked out says nothing of a program that was built before it was, or somewhere else.
@@ -118,8 +115,25 @@ pub fn commit() -> String {
     if !is_of_checkout.unwrap_or(false) {
         return UNKNOWN.to_owned();
     }
-    let differs = git(&["status", "--porcelain", "--untracked-files=no"]).is_none_or(|changes| !changes.is_empty());
-    format!("{head}{}", if differs { DIRTY } else { "" })
+    format!("{head}{}", if differs(here) { DIRTY } else { "" })
+}
+
+/// Whether files of a checkout differ from its commit. The ledger does as soon as a run has begun, and nothing is built from it.
+fn differs(checkout: &Path) -> bool {
+    let without_ledger = format!(":(top,exclude){LEDGER}");
+    let changes = git(checkout, &["status", "--porcelain", "--untracked-files=no", "--", ":/", &without_ledger]);
+    changes.is_none_or(|changes| !changes.is_empty())
+}
+
+/// What git says in a folder; none where it cannot, or is not there.
+fn git(folder: &Path, arguments: &[&str]) -> Option<String> {
+    let mut command = std::process::Command::new("git");
+    // Within a hook these name another checkout than the folder's.
+    for variable in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
+        command.env_remove(variable);
+    }
+    let said = command.current_dir(folder).args(arguments).stderr(std::process::Stdio::null()).output().ok()?;
+    said.status.success().then(|| String::from_utf8_lossy(&said.stdout).trim().to_owned())
 }
 
 /// Whether a program was built from files of a checkout that have stayed as they were. Cargo lists what it has built a program from beside it, in
@@ -144,9 +158,12 @@ fn is_built_from(program: &Path, checkout: &Path) -> std::io::Result<bool> {
     Ok(count > 0)
 }
 
+/// Where the ledger lies in a checkout.
+const LEDGER: &str = "services/evaluation/record/final.jsonl";
+
 /// The ledger in a checkout, seen from its top folder.
 pub fn ledger() -> PathBuf {
-    PathBuf::from("services/evaluation/record/final.jsonl")
+    PathBuf::from(LEDGER)
 }
 
 #[cfg(test)]
@@ -171,6 +188,27 @@ mod tests {
         assert_eq!(std::fs::read_to_string(&ledger).expect("a file").lines().count(), 4);
         let dirty = claim(&ledger, "planner", None, "c3-dirty", &new).expect_err("what made it has no name").to_string();
         assert!(dirty.contains("c3") && dirty.contains("commit first"), "{dirty}");
+    }
+
+    #[test]
+    fn a_run_that_is_written_down_does_not_make_the_code_another() {
+        let checkout = tempfile::tempdir().expect("a folder");
+        let ledger = checkout.path().join(LEDGER);
+        std::fs::create_dir_all(ledger.parent().expect("a folder")).expect("made");
+        let code = checkout.path().join("code.rs");
+        [&ledger, &code].into_iter().for_each(|file| std::fs::write(file, "\n").expect("written"));
+        let author = ["-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"];
+        let commit = [&author[..], &["commit", "--quiet", "--message", "first"]].concat();
+        for arguments in [&["init", "--quiet"][..], &["add", "--all"], &commit[..]] {
+            // Where git is not at hand, no block is claimed either.
+            let Some(_) = git(checkout.path(), arguments) else { return };
+        }
+        assert!(!differs(checkout.path()));
+        std::fs::write(&ledger, "{}\n").expect("written");
+        assert!(!differs(checkout.path()), "an interrupted run goes on");
+        std::fs::write(&code, "other\n").expect("written");
+        assert!(differs(checkout.path()));
+        assert!(differs(&checkout.path().join("no/such/folder")), "nobody knows");
     }
 
     #[test]
