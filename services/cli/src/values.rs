@@ -74,8 +74,9 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
 
 /// What was given, or all that there are where nothing was; what was given twice is meant once, and would count twice.
 pub fn distinct_or<T: Clone + PartialEq>(given: &[T], all: &[T]) -> Vec<T> {
-    let mut distinct: Vec<T> = Vec::with_capacity(given.len());
-    for one in if given.is_empty() { all } else { given } {
+    let meant = if given.is_empty() { all } else { given };
+    let mut distinct: Vec<T> = Vec::with_capacity(meant.len());
+    for one in meant {
         if !distinct.contains(one) {
             distinct.push(one.clone());
         }
