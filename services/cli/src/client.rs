@@ -41,6 +41,20 @@ pub struct SystemArgs {
     pub config: Option<PathBuf>,
 }
 
+impl SystemArgs {
+    /// The first option of the command line that says which running system; none where the environment says the same, as that may be for
+    /// other commands.
+    pub fn chosen(&self) -> Option<&'static str> {
+        let is_ours = |given: &Option<String>, variable: &str| given.is_some() && *given != std::env::var(variable).ok();
+        let options = [
+            ("connect", is_ours(&self.connect, "REPOSE_CONNECT")),
+            ("cell", is_ours(&self.cell, "REPOSE_CELL")),
+            ("pool", self.pool.is_some()),
+        ];
+        options.into_iter().find(|(_, is_given)| *is_given).map(|(option, _)| option)
+    }
+}
+
 /// A running system, and which of its cameras counts.
 #[derive(Debug, Clone, Args)]
 pub struct ConnectArgs {

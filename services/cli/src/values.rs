@@ -8,6 +8,8 @@ use repose_evaluation::scenes::true_shapes::KnownShapes;
 use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
 
+use crate::failure::{CommandResult, Failure};
+
 /// The variant of that name.
 pub fn parse_variant(name: &str) -> Result<Variant, String> {
     named("the variants are", &Variant::ALL, Variant::as_str, name)
@@ -70,6 +72,27 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
     }
 }
 
+/// What was given, or all that there are where nothing was; what was given twice is meant once, and would count twice.
+pub fn distinct_or<T: Clone + PartialEq>(given: &[T], all: &[T]) -> Vec<T> {
+    let meant = if given.is_empty() { all } else { given };
+    let mut distinct: Vec<T> = Vec::with_capacity(meant.len());
+    for one in meant {
+        if !distinct.contains(one) {
+            distinct.push(one.clone());
+        }
+    }
+    distinct
+}
+
+/// Refuses scenes beyond a split's last: there the next split begins.
+pub fn check_scenes(split: Split, first: u64, count: u64) -> CommandResult {
+    if split.holds(first, count) {
+        return Ok(());
+    }
+    let (name, scenes) = (split.name(), split.scenes());
+    Err(Failure::bad_input("first", format!("the split {name} has {scenes} scenes, and not {count} from number {first} on")))
+}
+
 /// The threads to use: as many as asked for, or one a core.
 pub fn threads(asked: Option<usize>) -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)).max(1)
@@ -97,6 +120,15 @@ mod tests {
     fn none_is_no_count() {
         assert_eq!(parse_count("3"), Ok(3));
         assert!(["0", "-1", "many"].iter().all(|text| parse_count(text).is_err_and(|e| e.contains("at least 1"))));
+    }
+
+    #[test]
+    fn what_is_given_twice_is_meant_once() {
+        assert_eq!(
+            distinct_or(&[SceneKind::Shelf, SceneKind::Pile, SceneKind::Shelf], &SceneKind::ALL),
+            [SceneKind::Shelf, SceneKind::Pile]
+        );
+        assert_eq!(distinct_or(&[], &SceneKind::ALL), SceneKind::ALL);
     }
 
     #[test]

@@ -89,7 +89,15 @@ pub async fn run(args: &ArrangeArgs, output: Output) -> CommandResult {
         None => asked(args).await?,
     };
     output.print(&result, || describe(&result, &objects))?;
-    if result.outcome == Found::Found { Ok(()) } else { Err(Failure::NoPlacement) }
+    ended(result.outcome, result.moves.len())
+}
+
+/// How the command ends, as `plan` and `place` do: moves that are part of what was asked for are an answer.
+fn ended(outcome: Found, moves: usize) -> CommandResult {
+    match (outcome, moves) {
+        (Found::Found, _) | (Found::Partial, 1..) => Ok(()),
+        _ => Err(Failure::NoPlacement),
+    }
 }
 
 /// The answer of a running system for its newest scene, and that scene's objects.
@@ -116,19 +124,14 @@ pub fn with_own_conflicts(arrange: clap::Command) -> clap::Command {
 impl ArrangeArgs {
     /// Refuses what would go unheeded.
     fn check(&self) -> CommandResult {
-        let system = &self.connect.system;
         if self.frame.is_none() {
             return match self.networks.weights {
                 Some(_) => Err(Failure::bad_input("weights", "is for a frame; a running system's inference has its own")),
                 None => Ok(()),
             };
         }
-        for (option, given, variable) in [("connect", &system.connect, "REPOSE_CONNECT"), ("cell", &system.cell, "REPOSE_CELL")] {
-            if given.is_some() && *given != std::env::var(variable).ok() {
-                return Err(Failure::bad_input(option, "is of a running system, and a frame is arranged in this process"));
-            }
-        }
-        Ok(())
+        let refused = |option| Err(Failure::bad_input(option, "is of a running system, and a frame is arranged in this process"));
+        self.connect.system.chosen().map_or(Ok(()), refused)
     }
 
     fn request(&self, scene_id: String) -> ArrangeRequest {
@@ -209,4 +212,16 @@ fn conflict(conflict: &Conflict) -> String {
 
 fn ids(objects: &[u16]) -> String {
     objects.iter().map(u16::to_string).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_placement_is_where_there_is_none() {
+        let code = |outcome, moves| ended(outcome, moves).map_or_else(|failure| failure.exit_code(), |()| 0);
+        assert_eq!([code(Found::Found, 0), code(Found::Found, 2), code(Found::Partial, 2)], [0; 3]);
+        assert_eq!([code(Found::Partial, 0), code(Found::None, 0)], [3; 2]);
+    }
 }

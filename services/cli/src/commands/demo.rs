@@ -242,7 +242,7 @@ impl Cell {
                 picture = seen(&mut frames), if film.is_some() => {
                     let caption = phase.map(|p| p.to_string().replace('_', " ")).unwrap_or_default();
                     if let (Some(film), picture) = (film.as_mut(), picture?) {
-                        film.add(&picture, &caption, MOVING_MS);
+                        film.add_moving(&picture, &caption, MOVING_MS);
                     }
                 }
             }

@@ -24,8 +24,8 @@ pub struct DeployArgs {
     /// The output folder. Existing passwords, certificates, and settings of your own in the configurations are kept.
     #[arg(long, required = true, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// The folder's path on the machines that use it. Default: DIR.
-    #[arg(long, value_name = "DIR")]
+    /// The folder's absolute path on the machines that use it. Default: DIR.
+    #[arg(long, value_name = "DIR", value_parser = parse_absolute)]
     installed_at: Option<PathBuf>,
     /// A group, by name or number, that may read the router's and the users' secrets: that of the units' user, repose. Default: nobody but whoever
     /// writes them. The authority's key is never shared.
@@ -34,6 +34,12 @@ pub struct DeployArgs {
     /// What else to do.
     #[command(subcommand)]
     command: Option<DeployCommand>,
+}
+
+/// A path on another machine: there is no folder there that it could be relative to.
+fn parse_absolute(path: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(path);
+    if path.is_absolute() { Ok(path) } else { Err("expected an absolute path, such as /etc/repose".to_owned()) }
 }
 
 /// What else `deploy` does.
@@ -82,16 +88,18 @@ fn write(args: &DeployArgs, path: &Path, out: &Path, output: Output) -> CommandR
     let group = args.group.as_deref().map(Group::named).transpose()?;
     let at = std::path::absolute(out).map_err(|e| Failure::bad_input("out", e))?;
     let failed = |e: deployment::Failed| Failure::bad_input(&e.path.display().to_string(), e.message);
-    let written = deployment::write(&roles, &at, args.installed_at.as_deref().unwrap_or(&at)).map_err(failed)?;
+    let installed_at = args.installed_at.as_deref().unwrap_or(&at);
+    let written = deployment::write(&roles, &at, installed_at).map_err(failed)?;
     group.map_or(Ok(()), |group| group.may_read(&written, &at)).map_err(failed)?;
-    std::fs::write(at.join(ROLES), text).map_err(|e| Failure::bad_input("out", e))?;
+    // It may be the very file that was read.
+    repose_dataset::write_whole(&at.join(ROLES), text.as_bytes()).map_err(|e| Failure::bad_input("out", e))?;
     output.print(&written, || {
         format!(
             "{}: {} files written, {} secrets and certificates kept\nrouter: repose serve router --config {}\ncheck: repose deploy check {}{}",
             at.display(),
             written.files.len(),
             written.kept.len(),
-            at.join("router/router.toml").display(),
+            installed_at.join("router/router.toml").display(),
             at.display(),
             if group.is_some() { "" } else { UNREADABLE },
         )
@@ -137,4 +145,27 @@ fn words(report: &CheckReport) -> String {
         (wrong, unanswered) => format!("{wrong} came out otherwise than the roles say, and {unanswered} had no answer either way"),
     });
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: DeployArgs,
+    }
+
+    #[test]
+    fn a_folder_on_another_machine_is_named_from_its_root() {
+        let installed_at = |path: &str| {
+            let line = ["deploy", "roles.toml", "--out", "out", "--installed-at", path];
+            Line::try_parse_from(line).map(|line| line.args.installed_at).map_err(|e| e.to_string())
+        };
+        assert_eq!(installed_at("/etc/repose"), Ok(Some(PathBuf::from("/etc/repose"))));
+        assert!(installed_at("etc/repose").is_err_and(|e| e.contains("--installed-at") && e.contains("absolute")));
+    }
 }

@@ -1,5 +1,6 @@
 //! `repose play`: frames from disk or a recording, put to a running system as a camera's; or a whole cell as `repose record` has recorded it.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -18,6 +19,8 @@ use crate::output::Output;
 
 /// The camera that frames are published as unless told.
 const CAMERA: &str = "recording";
+/// Frames per second that may be asked for.
+const RATES: RangeInclusive<f64> = 1e-3..=1e3;
 /// Frames per second where the source has no stamps and none were asked for.
 const DEFAULT_RATE: f64 = 10.0;
 /// How long the scene of the last frame may take to be seen.
@@ -100,14 +103,19 @@ async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> CommandResu
     let settings = PlaySettings { files: files.to_owned(), speed: args.speed.unwrap_or(1.0) };
     let name = session.cell().name().to_owned();
     tracing::info!(cell = name, "playing; Ctrl-C ends it");
-    let played = loop {
-        let played = play(&session, &settings, &shutdown).await;
-        if !args.again || played.is_err() || shutdown.is_requested() {
-            break played;
+    let mut all = Played::default();
+    let ended = loop {
+        match play(&session, &settings, &shutdown).await {
+            Ok(pass) => add(&mut all, pass),
+            Err(error) => break Err(error),
+        }
+        if !args.again || shutdown.is_requested() {
+            break Ok(());
         }
     };
     client::close(session).await;
-    let Played { messages, seconds, cut } = played?;
+    ended?;
+    let Played { messages, seconds, cut } = all;
     cut.iter().for_each(|reason| tracing::warn!(reason, "the recording ends early"));
     output.print(&serde_json::json!({"cell": name, "messages": messages, "seconds": seconds, "cut": cut}), || {
         let counts: Vec<String> = messages.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
@@ -115,12 +123,22 @@ async fn cell(files: &[PathBuf], args: &PlayArgs, output: Output) -> CommandResu
     })
 }
 
+/// Adds what was played once more of the same recording.
+fn add(all: &mut Played, pass: Played) {
+    pass.messages.into_iter().for_each(|(kind, count)| *all.messages.entry(kind).or_default() += count);
+    all.seconds += pass.seconds;
+    // Its files end as they did before, where it came to their ends.
+    if all.cut.is_empty() {
+        all.cut = pass.cut;
+    }
+}
+
 /// Plays frames as a camera's.
 async fn frames(source: &Path, args: &PlayArgs, output: Output) -> CommandResult {
     let camera = args.camera.as_deref().unwrap_or(CAMERA);
     keys::validate_chunk("camera", camera)?;
-    if args.rate.is_some_and(|rate| !(rate > 0.0 && rate <= 1000.0)) {
-        return Err(Failure::bad_input("rate", "expected above 0 and at most 1000 frames per second"));
+    if args.rate.is_some_and(|rate| !RATES.contains(&rate)) {
+        return Err(Failure::bad_input("rate", format!("expected {} to {} frames per second", RATES.start(), RATES.end())));
     }
     let session = client::connect(&args.system).await?;
     let key = session.cell().camera_frame(camera);
@@ -198,8 +216,9 @@ impl Pace {
         if let Some(last_stamp_ns) = self.last_stamp_ns.replace(stamp_ns) {
             // Back at the beginning stamps say nothing, as in pictures.
             let recorded_s = stamp_ns.checked_sub(last_stamp_ns).filter(|ns| *ns > 0).map(|ns| ns as f64 / 1e9);
-            let seconds = self.rate.map(|rate| 1.0 / rate).or(recorded_s).unwrap_or(1.0 / DEFAULT_RATE);
-            self.due += Duration::from_secs_f64(seconds.min(LONGEST_PAUSE_S));
+            let asked_s = self.rate.map(|rate| 1.0 / rate);
+            let seconds = asked_s.or(recorded_s.map(|pause_s| pause_s.min(LONGEST_PAUSE_S))).unwrap_or(1.0 / DEFAULT_RATE);
+            self.due += Duration::from_secs_f64(seconds);
         }
         self.due
     }
@@ -239,6 +258,18 @@ mod tests {
         assert!(quick.check_for_cell().is_ok() && parsed(&["--loop"]).check_for_cell().is_ok());
     }
 
+    #[test]
+    fn every_pass_of_a_recorded_cell_counts() {
+        let pass = |scenes, cut: &[&str]| Played {
+            messages: [("scene", scenes)].into(),
+            seconds: 2.0,
+            cut: cut.iter().map(|reason| (*reason).to_owned()).collect(),
+        };
+        let mut all = Played::default();
+        [pass(3, &["half"]), pass(1, &[])].into_iter().for_each(|pass| add(&mut all, pass));
+        assert_eq!(all, Played { seconds: 4.0, ..pass(4, &["half"]) });
+    }
+
     /// When frames with these stamps are due, milliseconds from the first.
     fn due_ms(rate: Option<f64>, stamps_ns: &[u64]) -> Vec<u128> {
         let begin = Instant::now();
@@ -249,6 +280,7 @@ mod tests {
     #[test]
     fn the_asked_rate_goes_before_the_stamps_and_those_before_the_default() {
         assert_eq!(due_ms(Some(50.0), &[5, 1_000_000_005]), [0, 20]);
+        assert_eq!(due_ms(Some(0.1), &[5, 1_000_000_005]), [0, 10_000], "a slow rate is as asked for");
         assert_eq!(due_ms(None, &[1_000_000_000, 1_033_000_000]), [0, 33]);
         assert_eq!(due_ms(None, &[0, 0, u64::MAX]), [0, 100, 5100]);
     }

@@ -26,7 +26,7 @@ pub struct ReplayArgs {
     /// Send the requests to the running system instead of services in this process.
     #[arg(long)]
     pub running: bool,
-    /// The running system; of the configuration also what services in this process are made with.
+    /// The running system, with --running; of the configuration also what services in this process are made with.
     #[command(flatten)]
     pub system: SystemArgs,
     /// The deadline of a request, milliseconds.
@@ -39,6 +39,12 @@ const SERVICES: [Service; 4] = [Service::Perception, Service::Inference, Service
 
 /// Runs the command.
 pub async fn run(args: &ReplayArgs, output: Output) -> CommandResult {
+    if let Some(option) = args.system.chosen().filter(|_| !args.running) {
+        return Err(Failure::bad_input(
+            option,
+            "is of a running system, and the requests go to services in this process: --running asks it",
+        ));
+    }
     let files = args.files.clone();
     let calls = tokio::task::spawn_blocking(move || Calls::read(&files, is_repeatable)).await.map_err(Failure::other)??;
     for (file, reason) in &calls.cut {
@@ -111,4 +117,27 @@ fn report(repeated: &[Repeated], calls: &Calls, output: Output) -> CommandResult
         lines.join("\n")
     })?;
     if differ.is_empty() { Ok(()) } else { Err(Failure::NotAchieved) }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: ReplayArgs,
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_running_system_that_would_not_be_asked_is_refused() {
+        for option in ["--connect=tcp/127.0.0.1:1", "--cell=lab", "--pool=rack"] {
+            let args = Line::parse_from(["replay", "no-such.mcap", option]).args;
+            let refused = run(&args, Output { json: false }).await.expect_err("it would go unheeded");
+            let field = refused.error().and_then(|e| e.field.clone()).unwrap_or_default();
+            assert_eq!((refused.exit_code(), field.as_str()), (2, &option[2..option.find('=').unwrap_or(2)]));
+        }
+    }
 }

@@ -177,7 +177,7 @@ impl Status<'_> {
                     rate(|rates| rates.calls_per_s),
                     rate(|rates| rates.errors_per_s),
                     format!("{:.1}", load.service_ms),
-                    load.weights_hash.chars().take(12).collect(),
+                    short(&load.weights_hash),
                     load.kernel.clone(),
                     if load.draining { "draining".to_owned() } else { String::new() },
                 ]),
@@ -222,7 +222,7 @@ impl Status<'_> {
             *weights.entry(load.newest.weights_hash.as_str()).or_default() += 1;
         }
         if weights.len() > 1 {
-            let counts: Vec<String> = weights.iter().map(|(hash, count)| format!("{} by {count}", &hash[..hash.len().min(12)])).collect();
+            let counts: Vec<String> = weights.iter().map(|(hash, count)| format!("{} by {count}", short(hash))).collect();
             wrong.push(format!("inference workers serve different weights: {}", counts.join(", ")));
         }
         if self.is_user && heard.workers.is_empty() && heard.cameras.is_empty() && heard.robots.is_empty() {
@@ -261,6 +261,11 @@ impl Status<'_> {
     }
 }
 
+/// The beginning of a hash, as another program tells it: enough to tell two apart.
+fn short(hash: &str) -> String {
+    hash.chars().take(12).collect()
+}
+
 fn of_robot(state: &RobotState) -> String {
     let mode = serde_json::to_value(state.mode).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default();
     let owner = state.owner.as_ref().map_or_else(|| "nobody commands it".to_owned(), |owner| format!("commanded by {}", owner.id));
@@ -273,4 +278,17 @@ fn of_robot(state: &RobotState) -> String {
 
 fn ago(age: Duration) -> String {
     format!("{:.1} s ago", age.as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hash_is_cut_off_whatever_it_is_made_of() {
+        assert_eq!(
+            (short("0123456789abcdef"), short("0"), short("0123456789aéé")),
+            ("0123456789ab".to_owned(), "0".to_owned(), "0123456789aé".to_owned())
+        );
+    }
 }

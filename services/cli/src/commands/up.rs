@@ -39,12 +39,12 @@ pub struct UpArgs {
     /// The pool of those cells.
     #[arg(long, default_value = "rack", requires = "cells", value_name = "NAME")]
     pub pool: String,
-    /// Inference processes.
-    #[arg(long, default_value_t = 1, value_parser = parse_count)]
-    pub inference: usize,
-    /// Planner processes.
-    #[arg(long, default_value_t = 1, value_parser = parse_count)]
-    pub planners: usize,
+    /// Inference processes. Default: 1, or none where the configuration has a pool serve the cell.
+    #[arg(long, value_parser = parse_count)]
+    pub inference: Option<usize>,
+    /// Planner processes. Default: 1, or none where the configuration has a pool serve the cell.
+    #[arg(long, value_parser = parse_count)]
+    pub planners: Option<usize>,
     /// Do not start the simulated cell: your own camera and robot connect instead (services/python has drivers).
     #[arg(long, conflicts_with = "seed")]
     pub no_simulator: bool,
@@ -118,7 +118,18 @@ struct Layout {
 impl Layout {
     fn of(args: &UpArgs, config: &RuntimeConfig) -> Result<Self, Failure> {
         let cell = &config.session.cell;
-        let Some(count) = args.cells else { return Ok(Self { cells: vec![cell.clone()], pool: config.caller.pool.clone() }) };
+        let Some(count) = args.cells else {
+            // A pool is no other's: it has its workers itself.
+            let pool = config.caller.pool.clone().filter(|pool| pool != cell);
+            let mut of_pool = [("inference", args.inference), ("planners", args.planners)].into_iter();
+            if let (Some(pool), Some((option, _))) = (&pool, of_pool.find(|(_, count)| count.is_some())) {
+                return Err(Failure::bad_input(
+                    option,
+                    format!("the configuration has the pool {pool} serve the cell: they are started there"),
+                ));
+            }
+            return Ok(Self { cells: vec![cell.clone()], pool });
+        };
         let cells: Vec<String> = (1..=count).map(|k| format!("{cell}-{k}")).collect();
         keys::validate_chunk("pool", &args.pool)?;
         keys::validate_chunk("cell", &cells[count - 1])?;
@@ -164,8 +175,8 @@ impl std::fmt::Display for Layout {
 
 fn count_of(args: &UpArgs, service: Service) -> usize {
     match service {
-        Service::Inference => args.inference,
-        Service::Planner => args.planners,
+        Service::Inference => args.inference.unwrap_or(1),
+        Service::Planner => args.planners.unwrap_or(1),
         Service::Simulator if args.no_simulator => 0,
         _ => 1,
     }
@@ -286,7 +297,31 @@ async fn stop(child: &mut Child, name: &str) {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: UpArgs,
+    }
+
+    #[test]
+    fn planners_are_started_here_unless_another_pool_has_them_and_then_asking_for_some_is_refused() {
+        let layout = |pool: Option<&str>, options: &[&str]| {
+            let mut config = RuntimeConfig::default();
+            (config.session.cell, config.caller.pool) = ("rack".to_owned(), pool.map(str::to_owned));
+            let args = Line::parse_from(["up"].iter().chain(options)).args;
+            let planners = |layout: Layout| layout.parts(&args, 0).iter().filter(|part| part.what == Service::Planner.as_str()).count();
+            Layout::of(&args, &config).map(planners).map_err(|refused| refused.error().and_then(|e| e.field.clone()))
+        };
+        assert_eq!((layout(None, &[]), layout(None, &["--planners", "3"])), (Ok(1), Ok(3)));
+        assert_eq!(layout(Some("rack"), &["--planners", "3"]), Ok(3), "the pool itself");
+        assert_eq!(layout(Some("hall"), &[]), Ok(0));
+        assert_eq!(layout(Some("hall"), &["--planners", "3"]), Err(Some("planners".to_owned())));
+        assert_eq!(layout(Some("hall"), &["--cells", "2", "--planners", "3"]), Ok(3));
+    }
 
     #[test]
     fn an_address_that_is_taken_is_refused_before_anything_starts() {

@@ -73,15 +73,17 @@ pub struct SceneSet {
 }
 
 impl SceneSet {
+    /// How many slots there are: the next one's first seed is the first slot's second. All of their seeds are of one block of `final`.
+    pub const SLOTS: u64 = 1_000_000;
+
     /// The problem of a slot of the set. A slot's seeds are its own, so that slots can be tried in any order and on any machine: where
     /// a seed gives no scene or no open goal, the slot goes on to its next one. `None` when none of them does.
     pub fn problem(&self, split: Split, slot: u64) -> Option<Problem> {
         const SEEDS: u64 = 40;
-        const STRIDE: u64 = 1_000_000;
         let kind = self.kinds.get(slot as usize % self.kinds.len().max(1)).copied()?;
         let mut settings = self.problem.clone();
         settings.scene.kinds = KindWeights::only(kind);
-        (0..SEEDS).find_map(|k| Problem::of_split(split, slot + k * STRIDE, &settings))
+        (0..SEEDS).find_map(|k| Problem::of_split(split, slot + k * Self::SLOTS, &settings))
     }
 }
 

@@ -13,7 +13,7 @@ use repose_inference::Engine;
 use repose_planner::{PlacementModels, PreparedScene, plan};
 use repose_proto::place::{Rotation, Variant};
 use repose_proto::scoring::PriorRequest;
-use repose_proto::{CallError, ErrorCode, PlaceRequest, RELATION_COUNT, SceneRef};
+use repose_proto::{CallError, ErrorCode, PlaceRequest, RELATION_COUNT, SceneRef, limits};
 use repose_simulator::release::ReleaseSettings;
 use repose_simulator::trials::let_go;
 
@@ -34,6 +34,9 @@ pub struct ProposalSettings {
 }
 
 impl ProposalSettings {
+    /// The most places of a problem: a quarter of them is as many as the planner gives.
+    pub const MOST: u32 = 4 * limits::MAX_PLACEMENTS as u32;
+
     /// `per_problem` places: half of them draws of the prior, a quarter turned draws, a quarter of the planner.
     pub fn new(per_problem: u32) -> Self {
         let (turned, placements) = (per_problem / 4, per_problem / 4);

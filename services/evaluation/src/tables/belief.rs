@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use repose_dataset::Split;
 use repose_networks::serving::spread;
 use repose_simulator::scene::{KindWeights, SceneKind};
 use serde::Serialize;
@@ -19,8 +20,10 @@ pub struct BeliefTableSettings {
     pub problem: ProblemSettings,
     /// The kinds.
     pub kinds: Vec<SceneKind>,
-    /// The seed of the first scene of each kind.
-    pub first_seed: u64,
+    /// Whose seeds.
+    pub split: Split,
+    /// The first scene of each kind, counted from the split's first seed.
+    pub first: u64,
     /// Scenes of each kind.
     pub scenes: usize,
     /// Whether masks are found by perception, not given.
@@ -101,7 +104,8 @@ pub fn belief_table(settings: &BeliefTableSettings, progress: impl Fn(usize) + S
     let of = |index: usize| {
         let mut problem = settings.problem.clone();
         problem.scene.kinds = KindWeights::only(settings.kinds[index / settings.scenes]);
-        let believed = believed_objects(settings.first_seed + (index % settings.scenes) as u64, &problem, settings.masks_found);
+        let seed = settings.first.checked_add((index % settings.scenes) as u64).and_then(|scene| settings.split.seed(scene));
+        let believed = seed.and_then(|seed| believed_objects(seed, &problem, settings.masks_found));
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
         believed
     };

@@ -150,10 +150,12 @@ pub fn evaluate_robot(
     mut seen: impl FnMut(&Problem, &RobotTrial, &Strip),
 ) -> Result<RobotTable, RobotTableError> {
     let mut trials = Vec::new();
+    let shapes = library.shapes();
+    let of_name = |name: &String| shapes.iter().find(|s| *s.name == **name).ok_or_else(|| RobotTableError::NoObject(name.clone()));
+    // One that is missing is told before the trials of the others, which take hours, are run for nothing.
+    let objects = settings.objects.iter().map(|name| Ok((name, of_name(name)?))).collect::<Result<Vec<_>, RobotTableError>>()?;
     for &condition in &settings.conditions {
-        for name in &settings.objects {
-            let shapes = library.shapes();
-            let object = shapes.iter().find(|s| *s.name == **name).ok_or_else(|| RobotTableError::NoObject(name.clone()))?;
+        for &(name, object) in &objects {
             let others: Vec<_> = shapes.iter().filter(|s| s.name != object.name).cloned().collect();
             for k in 0..settings.trials {
                 let seed = seed_of(settings.seed, name, condition, k);
@@ -184,7 +186,9 @@ fn seed_of(seed: u64, object: &str, condition: TableCondition, trial: usize) -> 
 
 #[cfg(test)]
 mod tests {
+    use repose_planner::NoModels;
     use repose_proto::{GoalTerm, Relation};
+    use repose_simulator::objects::MeshSettings;
 
     use super::*;
     use crate::scenes::robot_trial::FailedAttempt;
@@ -215,6 +219,20 @@ mod tests {
         assert_eq!(all.excluded, Excluded { out_of_reach: 1, no_place: 5 });
         assert_eq!(RobotRow::of(Some("b"), TableCondition::Table, trials.iter()).plan, Rate { of: 0, n: 1 });
         assert_eq!(RobotRow::of(None, TableCondition::LargeBox, trials.iter()).plan.n, 0);
+    }
+
+    #[test]
+    fn an_object_that_is_missing_is_told_before_any_trial() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let corners: String = (0..8).map(|k| format!("v {} {} {}\n", k & 1, k >> 1 & 1, k >> 2)).collect();
+        let sides = ["1 3 4", "1 4 2", "5 6 8", "5 8 7", "1 2 6", "1 6 5", "3 7 8", "3 8 4", "1 5 7", "1 7 3", "2 4 8", "2 8 6"];
+        let sides: String = sides.iter().map(|side| format!("f {side}\n")).collect();
+        std::fs::write(folder.path().join("brick.obj"), corners + &sides).expect("written");
+        let library = MeshLibrary::load(folder.path(), &MeshSettings { scale: 0.05, ..MeshSettings::default() }).expect("a brick");
+        let objects = ["brick", "003_cracker_box"].map(str::to_owned).to_vec();
+        let settings = RobotTableSettings { objects, ..RobotTableSettings::default() };
+        let failed = evaluate_robot(&library, &settings, &NoModels, |_, _, _| panic!("nothing is tried")).expect_err("one is missing");
+        assert!(matches!(&failed, RobotTableError::NoObject(name) if name == "003_cracker_box"), "{failed}");
     }
 
     #[test]

@@ -210,7 +210,7 @@ fn matmul_gflops(settings: &SpeedSettings) -> candle_core::Result<f64> {
     };
     let (a, b): (Tensor, Tensor) = (matrices(1)?, matrices(2)?);
     let (mut best, begin) = (f64::INFINITY, Instant::now());
-    while begin.elapsed() < settings.each {
+    while best.is_infinite() || begin.elapsed() < settings.each {
         let start = Instant::now();
         // Pools of one thread each: the library would otherwise spread every product over threads that spin for each other.
         let done = spread(settings.threads, settings.threads, || (), |(), k| pools[k].install(|| a.matmul(&b).map(drop)));
@@ -235,6 +235,8 @@ mod tests {
         ]
         .concat();
         assert!(figures.iter().all(|f| f.is_finite() && *f > 0.0), "{speed:?}");
+        let begun = matmul_gflops(&SpeedSettings { each: Duration::ZERO, threads: 1 }).expect("a figure");
+        assert!(begun.is_finite() && begun > 0.0, "one product at least: {begun}");
         assert_eq!(speed.points, 2048);
         // 512 · 64 neighbours of 32 and 64 wide layers alone are 0.14 · 10⁹ at most; all levels stay below 2.
         assert!((0.05..2.0).contains(&speed.candidate_gflop), "{speed:?}");

@@ -37,11 +37,24 @@ impl Split {
         }
     }
 
+    /// How many scenes this split has.
+    pub const fn scenes(self) -> u64 {
+        let seeds = self.seeds();
+        seeds.end - seeds.start
+    }
+
+    /// Whether so many scenes from number `first` on, counted from this split's first, are all of this split.
+    pub const fn holds(self, first: u64, count: u64) -> bool {
+        match first.checked_add(count) {
+            Some(end) => end <= self.scenes(),
+            None => false,
+        }
+    }
+
     /// The seed of one of this split's scenes, counted from its first; `None` beyond its last, where another split's begin: what is looked at in
     /// the name of one split is never another's.
     pub fn seed(self, index: u64) -> Option<u64> {
-        let seeds = self.seeds();
-        seeds.start.checked_add(index).filter(|seed| seeds.contains(seed))
+        (index < self.scenes()).then(|| self.seeds().start + index)
     }
 
     /// The split that a scene seed belongs to; `None` for seeds outside all of them (demonstrations, tests).
@@ -76,10 +89,11 @@ mod tests {
     #[test]
     fn a_split_has_no_scenes_beyond_its_last() {
         for split in Split::ALL {
-            let scenes = split.seeds().end - split.seeds().start;
+            let scenes = split.scenes();
             assert_eq!(split.seed(0), Some(split.seeds().start));
             assert_eq!(split.seed(scenes - 1).and_then(Split::of_seed), Some(split));
             assert_eq!((split.seed(scenes), split.seed(u64::MAX)), (None, None));
+            assert!(split.holds(scenes - 2, 2) && split.holds(scenes, 0) && !split.holds(scenes - 2, 3) && !split.holds(u64::MAX, 1));
         }
     }
 }

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_evaluation::report::text::{legend, table};
+use repose_evaluation::report::written::can_write;
 use repose_evaluation::statistics::quantile::Sorted;
 use repose_motion::benchmark::{ProblemFile, Solution, Unsolved, solve};
 use repose_motion::path::joint_path::length;
@@ -80,6 +81,8 @@ type Solved = BTreeMap<String, Vec<(usize, Result<Solution, Unsolved>)>>;
 
 /// Runs the command.
 pub fn run(args: &BenchMotionArgs, output: Output) -> CommandResult {
+    // What cannot be written is said before the minutes that the searches take.
+    args.paths.as_deref().map_or(Ok(()), can_write)?;
     let text = std::fs::read_to_string(&args.problems).map_err(|e| unreadable(&args.problems, &e))?;
     let file = ProblemFile::parse(&text).map_err(|e| unreadable(&args.problems, &e))?;
     // The first pass brings code and allocator to where a running service has them.
@@ -179,5 +182,15 @@ mod tests {
         let times = times([3, 1, 2].into_iter().map(Duration::from_micros));
         assert_eq!((times.mean, times.p50, times.p95), (2.0, 2.0, 3.0));
         assert_eq!(row(&[]).problems, 0);
+    }
+
+    #[test]
+    fn paths_that_cannot_be_written_are_refused_before_anything_is_searched() {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let paths = file.path().join("paths.json");
+        let args = BenchMotionArgs { problems: PathBuf::from("no/such/file"), paths: Some(paths), seed: 0 };
+        let refused = run(&args, Output { json: false }).expect_err("a file is no folder");
+        let field = refused.error().and_then(|e| e.field.as_deref());
+        assert_eq!((refused.exit_code(), field), (2, file.path().to_str()));
     }
 }

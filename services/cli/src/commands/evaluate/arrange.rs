@@ -7,16 +7,16 @@ use clap::Args;
 use repose_evaluation::report::arrange::{document, text_of};
 use repose_evaluation::report::written::{FileError, write_report};
 use repose_evaluation::scenes::arrangement::carried_out::PlanFault;
-use repose_evaluation::scenes::arrangement::task::{Shapes, TaskKind};
+use repose_evaluation::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
 use repose_evaluation::scenes::arrangement::trial::TaskRecord;
 use repose_evaluation::tables::arrange::{ArrangeTableSettings, arrange_rows, evaluate_arrange};
 use repose_proto::place::Variant;
 
-use super::shared::{TableArgs, can_report};
+use super::shared::{TableArgs, can_report, check_slots};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_variant};
+use crate::values::{distinct_or, parse_count, parse_variant};
 
 /// Arguments of `evaluate arrange`.
 #[derive(Debug, Args)]
@@ -56,14 +56,14 @@ pub struct EvaluateArrangeArgs {
 /// Runs the command.
 pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
     can_report(args.out.as_deref(), "arrange")?;
+    check_slots(args.first, args.tasks, ArrangementTask::SLOTS)?;
     let engine = args.common.engine()?;
-    let or_all = |given: &[u8]| if given.is_empty() { vec![2, 3, 4, 6, 8] } else { given.iter().map(|n| usize::from(*n)).collect() };
-    let goals: Vec<usize> = or_all(&args.goals);
-    let kinds = if args.kinds.is_empty() { TaskKind::ALL.to_vec() } else { args.kinds.clone() };
-    let shapes = if args.shapes.is_empty() { Shapes::ALL.to_vec() } else { args.shapes.clone() };
+    let goals: Vec<usize> = distinct_or(&args.goals, &[2, 3, 4, 6, 8]).into_iter().map(usize::from).collect();
+    let kinds = distinct_or(&args.kinds, &TaskKind::ALL);
+    let shapes = distinct_or(&args.shapes, &Shapes::ALL);
     let made_with = serde_json::json!({
         "weights_hash": engine.weights_hash(), "variant": args.variant, "goals": goals, "kinds": kinds, "shapes": shapes,
-        "tasks": args.tasks,
+        "tasks": args.tasks, "looks": !args.without_looks, "bars": !args.without_bars,
     });
     let scenes = args.common.first("arrange", &made_with)?;
     let settings = ArrangeTableSettings {

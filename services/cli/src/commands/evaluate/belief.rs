@@ -13,7 +13,7 @@ use super::shared::only_meshes;
 use crate::failure::CommandResult;
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_kind, parse_split, threads};
+use crate::values::{check_scenes, distinct_or, parse_count, parse_kind, parse_split, threads};
 
 /// Arguments of `evaluate belief`.
 #[derive(Debug, Args)]
@@ -43,15 +43,17 @@ pub struct EvaluateBeliefArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluateBeliefArgs, output: Output) -> CommandResult {
+    check_scenes(args.split, args.first, args.scenes as u64)?;
     let mut problem = ProblemSettings::default();
     if let Some(folder) = &args.objects {
         only_meshes(&mut problem.scene, folder)?;
     }
-    let kinds = if args.kinds.is_empty() { SceneKind::ALL.to_vec() } else { args.kinds.clone() };
+    let kinds = distinct_or(&args.kinds, &SceneKind::ALL);
     let settings = BeliefTableSettings {
         problem,
         kinds,
-        first_seed: args.split.seeds().start + args.first,
+        split: args.split,
+        first: args.first,
         scenes: args.scenes,
         masks_found: args.found_masks,
         threads: threads(args.threads),
@@ -60,4 +62,26 @@ pub fn run(args: &EvaluateBeliefArgs, output: Output) -> CommandResult {
     let table = belief_table(&settings, |done| bar.set(done as u64));
     bar.finish();
     output.print(&table, || report::belief::text_of(&table))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: EvaluateBeliefArgs,
+    }
+
+    #[test]
+    fn scenes_of_another_split_are_refused() {
+        for first in ["1000000000", "18446744073709551615"] {
+            let line = ["x", "--scenes", "1", "--kind", "large_box", "--split", "validation", "--first", first];
+            let refused = run(&Line::parse_from(line).args, Output { json: false }).expect_err("there are no such scenes");
+            assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("first")));
+        }
+    }
 }

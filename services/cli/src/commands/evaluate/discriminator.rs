@@ -13,7 +13,7 @@ use super::shared::{TableArgs, can_report, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_variant};
+use crate::values::{distinct_or, parse_count, parse_variant};
 
 /// Arguments of `evaluate discriminator`.
 #[derive(Debug, Args)]
@@ -43,7 +43,7 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> CommandResult {
     can_report(args.out.as_deref(), "discriminator")?;
     let mut settings = DiscriminatorSettings {
         samples: args.samples,
-        variants: args.variants.clone(),
+        variants: distinct_or(&args.variants, &[]),
         threads: args.common.threads(),
         ..DiscriminatorSettings::default()
     };
@@ -52,7 +52,10 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> CommandResult {
     }
     let engine = args.common.engine()?;
     let objects = folder_name(args.objects.as_deref());
-    let made_with = json!({"weights_hash": engine.weights_hash(), "objects": objects});
+    let made_with = json!({
+        "weights_hash": engine.weights_hash(), "objects": objects, "scenes": args.scenes, "samples": settings.samples,
+        "variants": settings.variants,
+    });
     let scenes = args.common.first("discriminator", &made_with)?;
     settings.first = scenes.first;
     let progress = Progress::new(args.scenes as u64, "scenes");

@@ -1,8 +1,10 @@
 //! `repose evaluate planner`: the paper's Table 1, and beside it how often what was returned is right.
 //!
 //! Every scene that is done goes to `scenes.jsonl` in the folder of `--out`: the same command goes on where it was interrupted, and
-//! parts of the table (`--first`, `--scenes`) can be run apart into one folder, one after the other.
+//! parts of the table (`--first`, `--scenes`) can be run apart into one folder, one after the other, by one program with the same settings.
 
+use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -19,12 +21,14 @@ use repose_proto::Relation;
 use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
 
-use super::shared::{TableArgs, can_report, folder_name, only_meshes};
+use super::shared::{TableArgs, can_report, check_slots, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_kind, parse_known_shapes, parse_perturbation, parse_rotation, parse_variant};
+use crate::values::{distinct_or, parse_count, parse_kind, parse_known_shapes, parse_perturbation, parse_rotation, parse_variant};
 
+/// What begins the names of the variables with which perception makes the scenes.
+const SEGMENTATION: &str = "REPOSE_PERCEPTION__SEGMENTATION__";
 /// The kinds that scenes of a user's meshes take turns in.
 const KINDS: [SceneKind; 6] =
     [SceneKind::OpenTable, SceneKind::LargeBox, SceneKind::Clutter, SceneKind::Stacking, SceneKind::Drawer, SceneKind::Shelf];
@@ -77,6 +81,7 @@ pub struct EvaluatePlannerArgs {
 /// Runs the command.
 pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     can_report(args.out.as_deref(), "planner")?;
+    check_slots(args.first, args.scenes, SceneSet::SLOTS)?;
     let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
     let mut made_with = serde_json::json!({
@@ -92,11 +97,14 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     if args.rotation != Rotation::Fixed {
         made_with["rotation"] = serde_json::json!(args.rotation);
     }
+    let segmentation = segmentation_of(std::env::vars_os());
+    if !segmentation.is_empty() {
+        made_with["segmentation"] = serde_json::json!(segmentation);
+    }
     let scenes = args.common.first("planner", &made_with)?;
     settings.first += scenes.first;
-    let mut head = made_with.clone();
-    (head["split"], head["block"]) = (scenes.split.name().into(), scenes.block.into());
-    let mut records = Records::open(args.out.as_deref(), &head)?;
+    let named = scenes.named(&made_with);
+    let mut records = Records::open(args.out.as_deref(), &named)?;
     let sheets = args.out.as_ref().map(|folder| Sheets::new(folder, args.look_at));
     let bar = Progress::new((settings.sets.len() * settings.scenes) as u64, "scenes");
     let done = records.all.clone();
@@ -111,7 +119,7 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     })?;
     bar.finish();
     let tables = planner_tables(&records.in_order(&settings.sets), &settings.scene.variants);
-    let document = document(&tables, &records.all, &scenes.named(&made_with));
+    let document = document(&tables, &records.all, &named);
     if let Some(folder) = &args.out {
         write_report(folder, "planner", &document, &pictures(&tables).map_err(Failure::other)?)?;
     }
@@ -139,9 +147,9 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
         let meshes = args.objects.iter().map(|_| set("objects", &KINDS, &of_meshes));
         meshes.chain([set(SceneKind::Kitchen.name(), &[SceneKind::Kitchen], &own)]).collect()
     } else {
-        args.kinds.iter().map(|kind| set(kind.name(), &[*kind], &of_meshes)).collect()
+        distinct_or(&args.kinds, &[]).into_iter().map(|kind| set(kind.name(), &[kind], &of_meshes)).collect()
     };
-    let variants = if args.variants.is_empty() { Variant::ALL.to_vec() } else { args.variants.clone() };
+    let variants = distinct_or(&args.variants, &Variant::ALL);
     Ok(PlannerTableSettings {
         split: args.common.split,
         sets,
@@ -156,6 +164,12 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
         },
         threads: args.common.threads(),
     })
+}
+
+/// The variables that say how perception makes scenes otherwise than by default.
+fn segmentation_of(variables: impl Iterator<Item = (OsString, OsString)>) -> BTreeMap<String, String> {
+    let said = variables.map(|(name, value)| [name, value].map(|text| text.to_string_lossy().into_owned()));
+    said.filter(|[name, _]| name.to_ascii_uppercase().starts_with(SEGMENTATION)).map(|[name, value]| (name, value)).collect()
 }
 
 fn log(tried: &TriedScene) {
@@ -229,5 +243,25 @@ mod tests {
         assert!(read("planner_large_box.svg").contains("</svg>"));
         let refused = run(&line("2", "test"), Output { json: false }).expect_err("other settings");
         assert_eq!(refused.exit_code(), 2);
+        // A table has one commit, and so all of its scenes have.
+        std::fs::write(folder.path().join("scenes.jsonl"), both.replacen("\"commit\":\"", "\"commit\":\"of others, ", 1)).expect("written");
+        let refused = run(&line("2", "validation"), Output { json: false }).expect_err("other code");
+        assert!(refused.error().is_some_and(|e| e.message.contains("commit")), "{refused:?}");
+    }
+
+    #[test]
+    fn what_the_environment_says_of_perception_is_part_of_what_a_table_is_made_with() {
+        let variables = [("REPOSE_PERCEPTION__SEGMENTATION__MAX_DEPTH_M", "2"), ("REPOSE_CELL", "lab"), ("HOME", "/root")];
+        let said = segmentation_of(variables.into_iter().map(|(name, value)| (name.into(), value.into())));
+        assert_eq!(said, BTreeMap::from([("REPOSE_PERCEPTION__SEGMENTATION__MAX_DEPTH_M".to_owned(), "2".to_owned())]));
+    }
+
+    #[test]
+    fn scenes_of_the_next_block_are_refused_before_a_block_is_claimed() {
+        for first in ["50000000", "999999", "18446744073709551615"] {
+            let line = ["x", "--scenes", "2", "--split", "final", "--first", first];
+            let refused = run(&Line::parse_from(line).args, Output { json: false }).expect_err("beyond the table");
+            assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("first")));
+        }
     }
 }

@@ -39,7 +39,8 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> CommandResult {
         only_meshes(&mut settings.scene, folder)?;
     }
     let engine = args.common.engine()?;
-    let made_with = json!({"weights_hash": engine.weights_hash(), "objects": folder_name(args.objects.as_deref())});
+    let objects = folder_name(args.objects.as_deref());
+    let made_with = json!({"weights_hash": engine.weights_hash(), "objects": objects, "examples": args.examples});
     let scenes = args.common.first("relations", &made_with)?;
     settings.first = scenes.first;
     let mut table_of = |shown: CloudSource| {

@@ -8,13 +8,13 @@ use repose_evaluation::report::written::{can_write, write_picture};
 use repose_evaluation::scenes::robot_scene::TableCondition;
 use repose_evaluation::scenes::robot_settings::DEFAULT_ATTEMPTS;
 use repose_evaluation::scenes::robot_trial::Cause;
-use repose_evaluation::tables::robot::{OBJECTS, RobotTableSettings, evaluate_robot};
+use repose_evaluation::tables::robot::{OBJECTS, RobotTableError, RobotTableSettings, evaluate_robot};
 use repose_local::picture::{rgb_image, side_by_side};
 use repose_simulator::objects::{MeshLibrary, MeshSettings};
 
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
-use crate::values::parse_count;
+use crate::values::{distinct_or, parse_count};
 use repose_local::LocalModels;
 
 /// Arguments of `evaluate robot`.
@@ -56,9 +56,7 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
     let library = MeshLibrary::load(&args.objects, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
     let mut settings = RobotTableSettings { trials: args.trials, seed: args.seed, ..RobotTableSettings::default() };
     settings.trial.attempts = args.attempts;
-    if !args.only.is_empty() {
-        settings.objects.clone_from(&args.only);
-    }
+    settings.objects = distinct_or(&args.only, &settings.objects);
     if let Some(condition) = args.condition {
         settings.conditions = vec![condition];
     }
@@ -79,7 +77,10 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
             picture_failure = write_picture(&folder.join(name), &side_by_side(&pictures).into()).err().or(picture_failure.take());
         }
     });
-    let table = table.map_err(Failure::other)?;
+    let table = table.map_err(|e| match e {
+        RobotTableError::NoObject(_) => Failure::bad_input("objects", format!("{}: {e}", args.objects.display())),
+        other => Failure::other(other),
+    })?;
     output.print(&report::robot::document(&table), || report::robot::text_of(&table))?;
     // A disk that fills up takes pictures, and not the table.
     match picture_failure {

@@ -18,8 +18,8 @@ use crate::values::{parse_table_split, threads};
 /// What every table of the networks and the planner is told.
 #[derive(Debug, Args)]
 pub struct TableArgs {
-    /// The split: validation; test (a second validation set by now); or final, for published figures: each block of it is run once, from a clean
-    /// checkout, and recorded in services/evaluation/record/final.jsonl.
+    /// The split: validation; test (a second validation set by now); or final, for published figures: each block of it is run once, in a clean
+    /// checkout by the program that cargo built of it, and recorded in services/evaluation/record/final.jsonl.
     #[arg(long, default_value = "validation", value_parser = parse_table_split)]
     pub split: Split,
     /// The block of `final`. Default: the next one, or the one that an interrupted run of the same code and settings had started.
@@ -65,7 +65,7 @@ pub struct SceneRange {
     pub first: u64,
     /// The block of `final`.
     pub block: Option<u64>,
-    /// The commit of the code that makes the table.
+    /// The commit of the code that makes the table; `unknown` where the program is not of the checkout that it runs in.
     pub commit: String,
 }
 
@@ -76,6 +76,15 @@ impl SceneRange {
         (named["split"], named["block"], named["commit"]) = (self.split.name().into(), self.block.into(), self.commit.clone().into());
         named
     }
+}
+
+/// Refuses parts of a table beyond its last slot: they would be of other slots' seeds, and further on of those of the next block of `final`, which
+/// would have been looked at before it is run.
+pub fn check_slots(first: u64, count: usize, slots: u64) -> CommandResult {
+    if first.checked_add(count as u64).is_some_and(|end| end <= slots) {
+        return Ok(());
+    }
+    Err(Failure::bad_input("first", format!("a table has at most {slots} of each kind, and not {count} from number {first} on")))
 }
 
 /// Refuses a folder to which the report of a table cannot be written: after hours of making it that would be too late to say.

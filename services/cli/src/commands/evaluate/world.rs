@@ -9,7 +9,7 @@ use repose_simulator::scene::{KindWeights, SceneKind};
 use crate::failure::CommandResult;
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_count, parse_kind, parse_split, threads};
+use crate::values::{check_scenes, parse_count, parse_kind, parse_split, threads};
 
 /// Arguments of `evaluate world`.
 #[derive(Debug, Args)]
@@ -33,6 +33,8 @@ pub struct EvaluateWorldArgs {
 
 /// Runs the command.
 pub fn run(args: &EvaluateWorldArgs, output: Output) -> CommandResult {
+    // Releases are of scenes after those that are looked at.
+    check_scenes(args.split, 0, args.scenes.saturating_add(args.placements) as u64)?;
     let mut settings =
         WorldReportSettings { split: args.split, scenes: args.scenes, placements: args.placements, ..WorldReportSettings::default() };
     if let Some(kind) = args.kind {

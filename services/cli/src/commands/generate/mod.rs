@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use repose_dataset::Split;
 use repose_evaluation::report::histogram::{Panel, histograms};
 use repose_evaluation::report::written::can_write;
+use repose_evaluation::scenes::proposals::ProposalSettings;
 use repose_geometry::{Image, ViewerFrame};
 use repose_local::picture::rgb_image;
 use repose_proto::Relation;
@@ -29,7 +30,7 @@ use crate::embedded::engine;
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
-use crate::values::{parse_kind, parse_split, threads};
+use crate::values::{check_scenes, parse_kind, parse_split, threads};
 
 /// Arguments of `generate`.
 #[derive(Debug, Args)]
@@ -54,8 +55,9 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "DIR", group = "product")]
     pub frames: Option<PathBuf>,
     /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
-    /// rejections. The histograms are drawn beside it (.svg). With `--out`, only scenes written by this run are counted.
-    #[arg(long, value_name = "FILE", group = "product")]
+    /// rejections. The histograms are drawn beside it, in a file of its name that ends in .svg. With `--out`, only scenes written by this run are
+    /// counted.
+    #[arg(long, value_name = "FILE", group = "product", value_parser = parse_numbers_file)]
     pub statistics: Option<PathBuf>,
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "train", value_parser = parse_split)]
@@ -77,21 +79,35 @@ pub struct GenerateArgs {
     /// outcomes that they lack.
     #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
     pub releases: usize,
-    /// Simulate this many releases of one object per scene, at placements proposed by the prior (half), the prior with a turn (a quarter) and the
-    /// geometric planner (a quarter).
-    #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out")]
+    /// Simulate this many releases of one object per scene, 256 at most, at placements proposed by the prior (half), the prior with a turn (a
+    /// quarter) and the geometric planner (a quarter).
+    #[arg(long, value_name = "PER_SCENE", default_value_t = 0, requires = "out", value_parser = parse_proposals)]
     pub proposals: u32,
     /// A weights file for `--proposals`. Default: the program's own weights.
     #[arg(long, value_name = "FILE", requires = "proposals")]
     pub weights: Option<PathBuf>,
     /// Store color in the shards; training does not need it.
-    #[arg(long)]
+    #[arg(long, requires = "out")]
     pub color: bool,
     /// Threads. Default: one per core. The output does not depend on it.
     #[arg(long)]
     pub threads: Option<usize>,
 }
 
+fn parse_proposals(text: &str) -> Result<u32, String> {
+    let most = ProposalSettings::MOST;
+    text.parse::<u32>().ok().filter(|count| *count <= most).ok_or_else(|| format!("expected 0 to {most}"))
+}
+
+/// A file for numbers, beside which there is room for their pictures.
+fn parse_numbers_file(path: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(path);
+    let is_picture = path == path.with_extension(PICTURE);
+    if is_picture { Err(format!("the histograms are drawn there: expected a name that does not end in .{PICTURE}")) } else { Ok(path) }
+}
+
+/// How the file ends in which histograms are drawn beside their numbers.
+const PICTURE: &str = "svg";
 /// How often each relation held in the paper's evaluation set, percent, in wire order (its Table 2; `aligned` was left out).
 const PAPER_PERCENT: [Option<f64>; 10] =
     [Some(13.9), Some(14.0), Some(4.6), Some(5.0), Some(4.3), Some(4.3), Some(29.0), Some(12.7), Some(5.6), None];
@@ -102,7 +118,7 @@ const SCENES_PER_SHEET: usize = 6;
 
 /// Runs the command.
 pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
-    args.check()?;
+    check_scenes(args.split, args.first, args.scenes)?;
     let mut settings = GenerateSettings::new(args.out.as_deref().unwrap_or(Path::new("")), args.split, args.scenes);
     settings.first_scene = args.first;
     settings.views = args.views;
@@ -152,19 +168,6 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         }
     }
     output.print(&report.document, || report.text.join("\n"))
-}
-
-impl GenerateArgs {
-    /// Refuses scenes beyond the split's: there the next one begins.
-    fn check(&self) -> CommandResult {
-        let seeds = self.split.seeds();
-        let available = seeds.end - seeds.start;
-        if self.first.checked_add(self.scenes).is_some_and(|end| end <= available) {
-            return Ok(());
-        }
-        let (split, scenes, first) = (self.split.name(), self.scenes, self.first);
-        Err(Failure::bad_input("first", format!("the split {split} has {available} scenes, and not {scenes} from number {first} on")))
-    }
 }
 
 /// Does work that is spread over threads on so many of them.
@@ -272,7 +275,7 @@ fn write_statistics(path: &Path, statistics: &Statistics) -> CommandResult {
         Panel { title: "Distance between surfaces", histogram: &statistics.gaps, limits_mm: &[1.0, 2.5, 50.0] },
         Panel { title: "Horizontal distance between centres", histogram: &statistics.center_offsets, limits_mm: &[1.0] },
     ];
-    let picture = path.with_extension("svg");
+    let picture = path.with_extension(PICTURE);
     std::fs::write(&picture, histograms(&panels).map_err(Failure::other)?).map_err(|e| failed(&picture, &e))
 }
 
@@ -335,6 +338,13 @@ mod tests {
     fn something_must_be_made() {
         assert!(parsed(&["--scenes", "3"]).is_err());
         assert!(parsed(&["--show", "a", "--scenes", "0"]).is_err() && parsed(&["--show", "a", "--views", "0"]).is_err());
+        assert!(
+            parsed(&["--statistics", "b.svg"]).is_err_and(|e| e.to_string().contains("histograms")),
+            "one would be written over the other"
+        );
+        let proposals = |count| parsed(&["--out", "c", "--proposals", count]);
+        assert!(proposals("256").is_ok() && proposals("257").is_err_and(|e| e.to_string().contains("256")), "more than the planner gives");
+        assert!(parsed(&["--show", "a", "--color"]).is_err(), "sheets have it in any case, and nothing else is stored");
         assert!(parsed(&["--show", "a"]).is_ok() && parsed(&["--statistics", "b.json", "--out", "c"]).is_ok());
     }
 

@@ -105,6 +105,9 @@ impl Asking {
         if kinds.iter().any(|kind| kind.method == Method::Segment) {
             return Err(Failure::bad_input("mix", "light cells have no camera: segment is not available"));
         }
+        if kinds.iter().any(|kind| kind.cell.is_some()) {
+            return Err(Failure::bad_input("mix", "every kind is asked in every light cell: cell is not available"));
+        }
         let camera = Target::of(session, args, false).await?;
         let rates = Rates { states_per_s: args.states, summaries_per_s: args.summaries };
         let light = LightCells::start(cells, camera.scene.clone(), &client::client_config(system)?, rates).await?;

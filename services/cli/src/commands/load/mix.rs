@@ -93,6 +93,9 @@ impl FromStr for Kind {
             let (name, value) = setting.split_once('=').ok_or_else(|| format!("expected SETTING=VALUE, got {setting:?}"))?;
             kind.set(name.trim(), value.trim())?;
         }
+        if let Some(setting) = kind.unheeded() {
+            return Err(format!("{setting}: {} takes no such setting", kind.method.as_str()));
+        }
         if !settings.trim().is_empty() {
             kind.name = settings.trim().to_owned();
         }
@@ -104,6 +107,18 @@ impl Kind {
     /// The same, asked in a cell.
     pub fn in_cell(&self, cell: String) -> Self {
         Self { name: format!("{},cell={cell}", self.name), cell: Some(cell), ..self.clone() }
+    }
+
+    /// A setting that was given, and that its method does not take.
+    fn unheeded(&self) -> Option<&'static str> {
+        let of_scenes = [("variant", self.variant.is_some()), ("whole", self.is_whole)];
+        let of_placements = [("count", self.count.is_some()), ("iterations", self.iterations.is_some()), ("batch", self.batch.is_some())];
+        let unheeded = match self.method {
+            Method::Place => Vec::new(),
+            Method::Arrange => of_placements.to_vec(),
+            Method::Segment => [&of_scenes[..], &of_placements].concat(),
+        };
+        unheeded.into_iter().find(|(_, is_given)| *is_given).map(|(setting, _)| setting)
     }
 
     fn set(&mut self, name: &str, value: &str) -> Result<(), String> {
@@ -168,6 +183,8 @@ mod tests {
             ("1:method=move", "arrange"),
             ("1:sise=2", "sise"),
             ("1:count", "VALUE"),
+            ("1:count=2,method=arrange", "count: arrange takes"),
+            ("1:method=segment,whole=true", "whole: segment takes"),
         ] {
             assert!(wrong.parse::<Kind>().is_err_and(|error| error.contains(named)), "{wrong}");
         }

@@ -135,7 +135,8 @@ pub struct LoadArgs {
 
 fn parse_rate(text: &str) -> Result<f64, String> {
     let rate: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if (0.0..=1000.0).contains(&rate) { Ok(rate) } else { Err("expected 0 to 1000".to_owned()) }
+    // Of less than one in a quarter of an hour no run would tell.
+    if rate == 0.0 || (1e-3..=1e3).contains(&rate) { Ok(rate) } else { Err("expected 0, or 0.001 to 1000".to_owned()) }
 }
 
 /// The longest run that a rate may ask for, seconds.
@@ -196,7 +197,10 @@ fn check(args: &LoadArgs) -> CommandResult {
     if args.up && system.config.is_some() {
         return Err(Failure::bad_input("up", "starts a system of its own, which takes no --config"));
     }
-    if args.rate.is_some_and(|r| !(r > 0.0 && args.requests as f64 / r <= LONGEST_RUN_S)) {
+    if let Some(option) = system.chosen().filter(|_| args.up) {
+        return Err(Failure::bad_input(option, "is of another system than the one that --up starts"));
+    }
+    if args.rate.is_some_and(|r| !(r > 0.0 && r.is_finite() && args.requests as f64 / r <= LONGEST_RUN_S)) {
         return Err(Failure::bad_input("rate", format!("expected more than 0 requests per second, and all within {LONGEST_RUN_S:.0} s")));
     }
     if !(0.0..=1.0).contains(&args.interactive) {

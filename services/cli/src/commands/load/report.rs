@@ -124,7 +124,10 @@ pub struct Report {
     pub offered_per_s: f64,
     /// Requests a second that ended.
     pub achieved_per_s: f64,
-    /// Requests a second that were answered within their deadline.
+    /// Requests that were answered within their deadline.
+    #[serde(skip)]
+    pub answered_in_time: usize,
+    /// The same, a second.
     pub goodput_per_s: f64,
     /// The highest rate that kept the objective.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -180,7 +183,8 @@ impl Report {
         let seconds = elapsed.as_secs_f64();
         report.achieved_per_s = ended.len() as f64 / seconds;
         report.offered_per_s = rate.unwrap_or(report.achieved_per_s);
-        report.goodput_per_s = ended.iter().filter(is_answered).filter(|end| !end.late).count() as f64 / seconds;
+        report.answered_in_time = ended.iter().filter(is_answered).filter(|end| !end.late).count();
+        report.goodput_per_s = report.answered_in_time as f64 / seconds;
         report.latency_ms = percentiles(ended.iter().map(milliseconds))?;
         for outcome in ended.iter().map(|end| &end.outcome) {
             if !report.outcome_latency_ms.contains_key(outcome) {
@@ -194,16 +198,16 @@ impl Report {
         for (name, priority) in [("interactive", Priority::Interactive), ("batch", Priority::Batch)] {
             report.priorities.insert(name, OfSome::of(ended.iter().filter(|end| end.priority == priority))?);
         }
-        for (number, name) in kinds.iter().enumerate().filter(|_| kinds.len() > 1) {
-            report.kinds.insert(name.clone(), OfSome::of(ended.iter().filter(|end| end.kind == number))?);
+        for name in kinds.iter().filter(|_| kinds.len() > 1) {
+            // Two of one name are the same kind, with a share each.
+            report.kinds.insert(name.clone(), OfSome::of(ended.iter().filter(|end| kinds.get(end.kind) == Some(name)))?);
         }
         Ok(report)
     }
 
     /// The share of the requests that were answered, and not late.
     pub fn answered_share(&self) -> f64 {
-        let answered = self.per_worker.values().sum::<usize>().saturating_sub(self.late);
-        answered as f64 / (self.requests + self.dropped).max(1) as f64
+        self.answered_in_time as f64 / (self.requests + self.dropped).max(1) as f64
     }
 }
 
@@ -265,5 +269,29 @@ impl std::fmt::Display for Report {
             writeln!(f, "faults: {}", counts(&faults))?;
         }
         write!(f, "answers by worker: {}", counts(&self.per_worker))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_that_is_lost_or_late_is_missing_once_from_what_was_answered() {
+        let answered = Ended { outcome: "result".to_owned(), worker: Some("planner-1".to_owned()), ..Ended::lost() };
+        let mut ended = vec![answered.clone(); 97];
+        // Who hears of nothing waits beyond the deadline.
+        ended.extend([Ended { late: true, ..Ended::lost() }, Ended { late: true, ..answered }]);
+        let asked = Asked { ended, dropped: 1, duplicates: 0, elapsed: Duration::from_secs(10) };
+        let report = Report::new(&asked, None, &[]).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!((report.late, report.goodput_per_s, report.answered_share()), (2, 9.7, 0.97));
+    }
+
+    #[test]
+    fn kinds_of_one_name_are_told_together() {
+        let ended = [0, 0, 1].map(|kind| Ended { kind, ..Ended::lost() }).to_vec();
+        let asked = Asked { ended, dropped: 0, duplicates: 0, elapsed: Duration::from_secs(1) };
+        let report = Report::new(&asked, None, &["count=2", "count=2"].map(str::to_owned)).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!(report.kinds.values().map(|kind| kind.requests).collect::<Vec<_>>(), [3]);
     }
 }

@@ -252,6 +252,7 @@ mod tests {
         }
         assert_eq!(refused(BACK, &["--start", "w.safetensors", "--mean-with", "w.safetensors"]), (2, "mean-with".to_owned()));
         assert_eq!(refused("joint", &["--first", "40"]), (2, "first".to_owned()));
+        assert_eq!(refused(FOOT, &["--first", "50000000"]), (2, "first".to_owned()), "there the validation scenes begin");
     }
 
     #[test]

@@ -23,7 +23,8 @@ use crate::output::Output;
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
     let forecasts = forecasts_of(&engine)?;
-    let tried = args.scenes_in("answers.jsonl", FIRST_SEED);
+    let mut tried = args.scenes_in("answers.jsonl", FIRST_SEED);
+    tried.outcome_hash = Some(engine.outcome_hash());
     let answers = tried.tried(|index| SceneAnswers::of(index, &engine, &forecasts))?;
     let scenes: Vec<Vec<FitSample>> =
         answers.values().filter(|scene| !scene.measures.is_empty()).map(|scene| scene.samples().collect()).collect();
@@ -61,5 +62,9 @@ impl MeasuredScene for SceneAnswers {
 
     fn other_length(&self) -> Option<String> {
         other_length(names().len(), self.measures.iter())
+    }
+
+    fn outcome_hash(&self) -> Option<&str> {
+        self.outcome_hash.as_deref()
     }
 }

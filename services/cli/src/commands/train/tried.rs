@@ -7,6 +7,7 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
+use repose_dataset::Split;
 use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_forecast};
 use repose_networks::serving::spread;
 use repose_planner::learned::forecast::{Forecast, ForecastFitData};
@@ -16,6 +17,7 @@ use serde::de::DeserializeOwned;
 
 use crate::failure::Failure;
 use crate::progress::Progress;
+use crate::values::check_scenes;
 
 /// The measures and results of one scene, from which a forecast is fitted.
 pub trait MeasuredScene: Serialize + DeserializeOwned + Send {
@@ -23,6 +25,10 @@ pub trait MeasuredScene: Serialize + DeserializeOwned + Send {
     fn seed(&self) -> u64;
     /// How many measures each of its samples has that is not of this program's length; none where all are.
     fn other_length(&self) -> Option<String>;
+    /// The hash of the outcome network that it was made with; none where it was made without one, or does not tell.
+    fn outcome_hash(&self) -> Option<&str> {
+        None
+    }
 }
 
 /// What a forecast is fitted on, and where it goes.
@@ -47,7 +53,7 @@ pub struct FitArgs<'a> {
 impl<'a> FitArgs<'a> {
     /// The scenes to try, kept in a file of the data folder; `first_seed` is that of the first of those that are learned from.
     pub fn scenes_in(&self, file: &'a str, first_seed: u64) -> TriedScenes<'a> {
-        TriedScenes { data: self.data, file, first_seed, first: self.first, count: self.scenes, threads: self.threads }
+        TriedScenes { data: self.data, file, first_seed, first: self.first, count: self.scenes, threads: self.threads, outcome_hash: None }
     }
 
     /// Refuses weights to start from, for what is no part of them.
@@ -81,11 +87,15 @@ pub struct TriedScenes<'a> {
     pub count: u64,
     /// Threads.
     pub threads: usize,
+    /// The hash of the outcome network that they are made with; none where they are made without one.
+    pub outcome_hash: Option<&'a str>,
 }
 
 impl TriedScenes<'_> {
     /// All scenes by seed: those in the file, and those that are tried now, by their index.
     pub fn tried<S: MeasuredScene>(&self, of: impl Fn(u64) -> Result<S, CallError> + Sync) -> Result<BTreeMap<u64, S>, Failure> {
+        // Beyond the last training scene are those of validation, by which what was learned is judged.
+        check_scenes(Split::Train, self.first_seed.saturating_add(self.first), self.count)?;
         let path = self.data.join(self.file);
         let bad = |e: &dyn Display| Failure::bad_input("data", format!("{}: {e}", path.display()));
         std::fs::create_dir_all(self.data).map_err(|e| bad(&e))?;
@@ -97,6 +107,11 @@ impl TriedScenes<'_> {
             let scene: S = serde_json::from_str(line).map_err(|e| bad(&e))?;
             if let Some(other) = scene.other_length() {
                 return Err(bad(&format!("{other}: made by another program")));
+            }
+            if let (Some(own), Some(other)) = (self.outcome_hash, scene.outcome_hash().filter(|made| self.outcome_hash != Some(*made))) {
+                let message =
+                    format!("made with the outcome network {other}, and not with {own}: take another folder, or the weights of then");
+                return Err(bad(&message));
             }
             all.insert(scene.seed(), scene);
         }
@@ -161,4 +176,53 @@ pub fn fitted(names: &[&str], scenes: &[Vec<FitSample>], outcome_hash: &str, set
 pub fn other_length<'a>(expected: usize, mut samples: impl Iterator<Item = &'a Vec<f32>>) -> Option<String> {
     let measures = samples.find(|measures| measures.len() != expected)?;
     Some(format!("expected {expected} measures, got {}", measures.len()))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Serialize, Deserialize)]
+    struct Answers {
+        seed: u64,
+        outcome_hash: Option<String>,
+    }
+
+    impl MeasuredScene for Answers {
+        fn seed(&self) -> u64 {
+            self.seed
+        }
+
+        fn other_length(&self) -> Option<String> {
+            None
+        }
+
+        fn outcome_hash(&self) -> Option<&str> {
+            self.outcome_hash.as_deref()
+        }
+    }
+
+    #[test]
+    fn what_another_network_has_answered_is_not_learned_from() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let tried = |network: &str, count: u64| {
+            let tried = TriedScenes {
+                data: folder.path(),
+                file: "answers.jsonl",
+                first_seed: 7,
+                first: 0,
+                count,
+                threads: 1,
+                outcome_hash: Some(network),
+            };
+            let all = tried.tried(|index| Ok(Answers { seed: 7 + index, outcome_hash: Some(network.to_owned()) }));
+            all.map(|all| all.into_keys().collect::<Vec<_>>()).map_err(|refused| refused.into_error().message)
+        };
+        std::fs::write(folder.path().join("answers.jsonl"), "{\"seed\":7}\n").expect("written by an earlier release");
+        assert_eq!(tried("old", 2), Ok(vec![7, 8]));
+        assert_eq!(tried("old", 3), Ok(vec![7, 8, 9]), "it goes on");
+        assert!(tried("new", 3).is_err_and(|refused| refused.contains("old") && refused.contains("new")));
+    }
 }

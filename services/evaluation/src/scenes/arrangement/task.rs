@@ -73,11 +73,13 @@ pub struct ArrangementTask {
 }
 
 impl ArrangementTask {
+    /// How many slots there are: the next one's first seed is the first slot's second. All of their seeds are of one block of `final`.
+    pub const SLOTS: u64 = 500_000;
+
     /// The task of a slot; none where none of the slot's seeds gives one.
     pub fn of_slot(split: Split, (kind, goals): (TaskKind, usize), slot: u64) -> Option<Self> {
         const SEEDS: u64 = 60;
-        const STRIDE: u64 = 500_000;
-        (0..SEEDS).find_map(|k| Self::of_seed(split.seed(slot + k * STRIDE)?, kind, goals))
+        (0..SEEDS).find_map(|k| Self::of_seed(split.seed(slot + k * Self::SLOTS)?, kind, goals))
     }
 
     /// The task of a seed; none where what was drawn finds no room, does not rest, is not seen, or is not solved by its own solution.

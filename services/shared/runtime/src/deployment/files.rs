@@ -44,12 +44,12 @@ pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<WrittenFi
         files.write_secret(&folder.join("zenoh.json5"), &session)?;
         files.write_settings(&folder.join("repose.toml"), &user_toml(roles, name, user, &installed))?;
         if let Some(service) = user.service {
-            let unit =
-                unit(&format!("Repose {service} as {name}"), &format!("{service} --config {}", installed.join("repose.toml").display()));
+            let run = format!("{service} --config {}", argument(&installed.join("repose.toml")));
+            let unit = unit(&format!("Repose {service} as {name}"), &run);
             files.write(&out.join("units").join(format!("repose-{name}.service")), &unit)?;
         }
     }
-    let run = format!("router --config {}", installed_at.join("router/router.toml").display());
+    let run = format!("router --config {}", argument(&installed_at.join("router/router.toml")));
     files.write(&out.join("units/repose-router.service"), &unit("Repose router", &run))?;
     Ok(files.written())
 }
@@ -211,6 +211,16 @@ fn user_toml(roles: &Roles, name: &str, user: &User, installed: &Path) -> String
     format!("# {name}: {use_it}\n{session}{pool}{worker}")
 }
 
+/// A path as one argument of a unit's command: systemd parts words at spaces, and reads quotes, backslashes, `$` and `%` in them.
+fn argument(path: &Path) -> String {
+    let path = path.display().to_string();
+    if path.bytes().all(|b| b.is_ascii_alphanumeric() || b"/._-+@:,".contains(&b)) {
+        return path;
+    }
+    let escaped = path.replace('\\', r"\\").replace('"', "\\\"").replace('%', "%%").replace('$', "$$");
+    format!("\"{escaped}\"")
+}
+
 fn unit(description: &str, run: &str) -> String {
     // Where both are stopped, workers that drain still have their router.
     let after = if run.starts_with("router ") { "" } else { " repose-router.service" };
@@ -233,6 +243,14 @@ mod tests {
         let limits = frame_limits(&roles);
         let key = |limit: &Value| limit["key_expr"].as_str().expect("a key").to_owned();
         limits.as_array().expect("a list").iter().map(key).collect()
+    }
+
+    #[test]
+    fn a_path_is_one_argument_of_a_units_command() {
+        let of = |path: &str| argument(Path::new(path));
+        assert_eq!(of("/etc/repose/router/router.toml"), "/etc/repose/router/router.toml");
+        assert_eq!(of("/srv/cell \"A\"/100 %/$x.toml"), "\"/srv/cell \\\"A\\\"/100 %%/$$x.toml\"");
+        assert_eq!(of(r"/srv/back\slash"), r#""/srv/back\\slash""#);
     }
 
     #[test]
