@@ -256,6 +256,26 @@ fn what_is_held_keeps_out_of_a_zone_under_the_hand() {
 }
 
 #[test]
+fn fingers_are_held_against_a_zone_where_they_were_sent_and_not_wide_open() {
+    let found = plan(1, &[moved(0.45, 0.25)], None).unwrap().grasp;
+    let narrow = GraspCandidate { opening_m: 0.056, aside_m: 0.0, ..found };
+    let narrow = plan(1, &[moved(0.45, 0.25)], Some(&[narrow])).unwrap();
+    let approach = narrow.phases.iter().find(|p| p.phase == Phase::Approach).unwrap().trajectory.as_ref().unwrap();
+    // A small thing at the height of the fingertips where they grasp, so far beside their middle.
+    let beside = |y_m: f64| {
+        let at = (base_from_tcp(approach.end()) * Point3::new(0.0, y_m, 0.0)).coords;
+        zone((at - Vector3::repeat(0.002)).into(), (at + Vector3::repeat(0.002)).into())
+    };
+    let (mut sent, near, clear) = (sent(&narrow), beside(0.040), beside(0.056));
+    assert_eq!(keeps_out(&sent, &clear, None), Ok(()), "the tips reach 48 mm from their middle");
+    let refused = keeps_out(&sent, &near, None).unwrap_err();
+    assert!(refused.message.contains("Finger would enter keep_out[0] in phase approach"), "{}", refused.message);
+    // Where nothing says how far they are apart they may be wide open.
+    sent.phases[0].gripper = None;
+    assert!(keeps_out(&sent, &clear, None).is_err());
+}
+
+#[test]
 fn what_stands_in_a_keep_out_zone_is_not_served_and_the_zone_is_named() {
     let taken = zone([0.3, 0.15, 0.0], [0.6, 0.35, 0.6]);
     let Err(PickPlaceError::NoPlacement(reasons)) = plan_in(&taken, &[moved(0.45, 0.25)]) else { panic!("expected no placement") };
