@@ -6,7 +6,7 @@ use std::sync::Arc;
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest};
 use repose_proto::robot::HeldObject;
 use repose_proto::{CallError, Message, Payload, Scene, Service};
 use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, load_of};
@@ -16,11 +16,12 @@ use crate::config::{MotionConfig, OnClientLoss};
 use crate::execution::{ExecutionTask, check_free};
 use crate::neighbours::Neighbours;
 use crate::robot_link::{RobotLink, ToRest};
+use crate::wire;
 use crate::worker::Worker;
 
 /// Answers `plan`, `execute`, `reset` and `recover`.
 pub struct Endpoints {
-    worker: Worker,
+    worker: Arc<Worker>,
     link: RobotLink,
     session: Session,
     perception: Caller,
@@ -35,7 +36,7 @@ impl Endpoints {
     /// When the configuration is out of range, or the network or the operating system refuses.
     pub async fn start(session: &Session, config: &MotionConfig) -> Result<Self, RuntimeError> {
         Ok(Self {
-            worker: Worker::start(config)?,
+            worker: Arc::new(Worker::start(config)?),
             link: RobotLink::new(session.clone(), config)?,
             session: session.clone(),
             perception: session.caller(Service::Perception).await?,
@@ -78,9 +79,7 @@ impl Endpoints {
 
     /// A plan carried out, with progress by phase. What becomes of it when its client is gone is configured.
     async fn execute(&self, call: &Call) -> Result<Payload, CallError> {
-        let (plan, grasps) = self.worker.executable(call.payload.decode_json()?)?;
-        let held = self.worker.scene(&plan.scene_id);
-        self.neighbours.check(&plan, held.as_ref().map(|held| held.scene()))?;
+        let (plan, grasps) = self.executable(call).await?;
         let (robot, task) = (plan.robot.clone(), self.task(call, grasps));
         let (link, reporting) = (self.link.clone(), call.clone());
         let execute = async move |to_rest| {
@@ -91,6 +90,26 @@ impl Endpoints {
             link.execute(plan, task, to_rest, progress).await
         };
         Payload::json(&self.driven(call, &robot, execute).await?)
+    }
+
+    /// The plan of a call as it may be carried out beside the robots that stand there, and what it puts into the hand where its scene is to be had.
+    async fn executable(&self, call: &Call) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
+        let plan: MotionPlan = call.payload.decode_json()?;
+        let (robot, fetched) = (plan.robot.clone(), self.missing_scene(&plan.scene_id, call).await);
+        let stood = self.neighbours.stances(&robot);
+        let (worker, neighbours, context) = (self.worker.clone(), self.neighbours.clone(), call.context());
+        let check = move || -> Result<_, CallError> {
+            let go_on = || context.check();
+            let (plan, held) = worker.executable(plan, fetched, &go_on)?;
+            let scene = held.as_ref().map(|held| held.scene());
+            neighbours.check(&plan, scene, &go_on)?;
+            let grasps = scene.and_then(|scene| wire::held_object(scene, &plan));
+            Ok((plan, grasps))
+        };
+        let checked = tokio::task::spawn_blocking(check).await;
+        let executable = checked.map_err(|e| CallError::internal(format!("the check of a plan was lost: {e}")))??;
+        self.neighbours.check_stances(&robot, &stood)?;
+        Ok(executable)
     }
 
     /// The arm of a robot driven for a call until it is at rest again. What becomes of that when the client is gone is configured.

@@ -13,7 +13,7 @@ use repose_proto::{CallError, Scene, keys};
 use repose_runtime::{RuntimeError, Session};
 use tokio::task::JoinSet;
 
-use crate::execution::keep_out::Zones;
+use crate::execution::keep_out::{Zones, check_carried};
 use crate::obstacles::ObstacleShape;
 
 /// States that wait to be read: hundreds of milliseconds of a few robots that tell theirs a thousand times a second.
@@ -97,8 +97,8 @@ impl Neighbours {
         self.beside(robot).into_iter().map(|neighbour| (neighbour.name, neighbour.state.q_rad)).collect()
     }
 
-    /// Checks that the robots beside one stand still, where they stood when a way around them was planned: while it waited for its turn, and was
-    /// looked for, another may have moved and come to rest on it.
+    /// Checks that the robots beside one stand still, where they stood when a way around them was planned or checked: while it waited for its turn,
+    /// and was looked for, another may have moved and come to rest on it.
     ///
     /// # Errors
     /// As [`Neighbours::check_still`], and where one stands elsewhere.
@@ -107,7 +107,7 @@ impl Neighbours {
         let near = |a: &Joints, b: &Joints| (0..JOINT_COUNT).all(|i| (a[i] - b[i]).abs() <= MOVED_RAD);
         let has_moved = |neighbour: &&Neighbour| stood.get(&neighbour.name).is_none_or(|q_rad| !near(q_rad, &neighbour.state.q_rad));
         self.beside(robot).iter().find(has_moved).map_or(Ok(()), |moved| {
-            let message = format!("robot {} has moved within reach while the way was planned: ask again", moved.name);
+            let message = format!("robot {} has moved within reach while the way was planned or checked: ask again", moved.name);
             Err(CallError::precondition(message).at("robot"))
         })
     }
@@ -127,13 +127,14 @@ impl Neighbours {
     /// Checks a plan against the robots beside its own, where they stand now.
     ///
     /// # Errors
-    /// As [`Neighbours::check_still`], and where the plan would touch one; those of [`Zones::check`].
-    pub fn check(&self, plan: &MotionPlan, scene: Option<&Scene>) -> Result<(), CallError> {
+    /// As [`Neighbours::check_still`], and where the plan would touch one, or carries nobody knows what beside one; those of [`Zones::check`].
+    pub fn check(&self, plan: &MotionPlan, scene: Option<&Scene>, go_on: &dyn Fn() -> Result<(), CallError>) -> Result<(), CallError> {
         self.check_still(&plan.robot)?;
         self.beside(&plan.robot).iter().try_for_each(|neighbour| {
+            check_carried(plan, scene)?;
             let solids = neighbour.solids(&self.world_from_base, 0.0);
             let of_robot = Some(neighbour.name.as_str());
-            Zones { world_from_base: &self.world_from_base, solids: &solids, of_robot }.check(plan, scene)
+            Zones { world_from_base: &self.world_from_base, solids: &solids, of_robot }.check(plan, scene, go_on)
         })
     }
 

@@ -208,7 +208,7 @@ fn sent(plan: &PickPlacePlan) -> MotionPlan {
 /// Whether a plan that was sent keeps out of the zones of a cell.
 fn keeps_out(plan: &MotionPlan, config: &MotionConfig, scene: Option<&Scene>) -> Result<(), CallError> {
     let settings = config.planning().unwrap();
-    Zones { world_from_base: &settings.world_from_base, solids: &settings.keep_out, of_robot: None }.check(plan, scene)
+    Zones { world_from_base: &settings.world_from_base, solids: &settings.keep_out, of_robot: None }.check(plan, scene, &|| Ok(()))
 }
 
 fn plan_in(config: &MotionConfig, placements: &[Isometry3<f64>]) -> Result<PickPlacePlan, PickPlaceError> {
