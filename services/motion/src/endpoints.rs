@@ -14,7 +14,7 @@ use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, 
 use crate::client_watch::ClientWatch;
 use crate::config::{MotionConfig, OnClientLoss};
 use crate::execution::{ExecutionTask, check_free};
-use crate::neighbours::Neighbours;
+use crate::neighbours::{Neighbours, Stances};
 use crate::robot_link::{RobotLink, ToRest};
 use crate::wire;
 use crate::worker::Worker;
@@ -79,8 +79,12 @@ impl Endpoints {
 
     /// A plan carried out, with progress by phase. What becomes of it when its client is gone is configured.
     async fn execute(&self, call: &Call) -> Result<Payload, CallError> {
-        let (plan, grasps) = self.executable(call).await?;
-        let (robot, task) = (plan.robot.clone(), self.task(call, grasps));
+        let plan: MotionPlan = call.payload.decode_json()?;
+        let robot = plan.robot.clone();
+        let stood = self.neighbours.stances(&robot);
+        let (plan, grasps) = self.executable(plan, call).await?;
+        self.neighbours.check_stances(&robot, &stood)?;
+        let task = self.task(call, grasps);
         let (link, reporting) = (self.link.clone(), call.clone());
         let execute = async move |to_rest| {
             let progress = |phase| match Payload::json(&phase) {
@@ -89,14 +93,12 @@ impl Endpoints {
             };
             link.execute(plan, task, to_rest, progress).await
         };
-        Payload::json(&self.driven(call, &robot, execute).await?)
+        Payload::json(&self.driven(call, &robot, stood, execute).await?)
     }
 
-    /// The plan of a call as it may be carried out beside the robots that stand there, and what it puts into the hand where its scene is to be had.
-    async fn executable(&self, call: &Call) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
-        let plan: MotionPlan = call.payload.decode_json()?;
-        let (robot, fetched) = (plan.robot.clone(), self.missing_scene(&plan.scene_id, call).await);
-        let stood = self.neighbours.stances(&robot);
+    /// A plan as it may be carried out beside the robots that stand there, and what it puts into the hand where its scene is to be had.
+    async fn executable(&self, plan: MotionPlan, call: &Call) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
+        let fetched = self.missing_scene(&plan.scene_id, call).await;
         let (worker, neighbours, context) = (self.worker.clone(), self.neighbours.clone(), call.context());
         let check = move || -> Result<_, CallError> {
             let go_on = || context.check();
@@ -107,13 +109,12 @@ impl Endpoints {
             Ok((plan, grasps))
         };
         let checked = tokio::task::spawn_blocking(check).await;
-        let executable = checked.map_err(|e| CallError::internal(format!("the check of a plan was lost: {e}")))??;
-        self.neighbours.check_stances(&robot, &stood)?;
-        Ok(executable)
+        checked.map_err(|e| CallError::internal(format!("the check of a plan was lost: {e}")))?
     }
 
-    /// The arm of a robot driven for a call until it is at rest again. What becomes of that when the client is gone is configured.
-    async fn driven<F>(&self, call: &Call, robot: &str, drive: impl FnOnce(ToRest) -> F) -> Result<ExecuteReply, CallError>
+    /// The arm of a robot driven for a call until it is at rest again, while those beside it stand as they `stood`. What becomes of that when the
+    /// client is gone is configured.
+    async fn driven<F>(&self, call: &Call, robot: &str, stood: Stances, drive: impl FnOnce(ToRest) -> F) -> Result<ExecuteReply, CallError>
     where
         F: Future<Output = Result<ExecuteReply, CallError>> + Send + 'static,
     {
@@ -122,12 +123,12 @@ impl Endpoints {
             OnClientLoss::Finish => None,
         };
         // A task of its own: the end of the call must not cut it off between two commands.
-        let driven = tokio::spawn(drive(self.to_rest(call, robot, client)));
+        let driven = tokio::spawn(drive(self.to_rest(call, robot, stood, client)));
         driven.await.map_err(|e| CallError::internal(format!("the execution was lost: {e}")))?
     }
 
     /// What brings an arm to rest that is driven for a call: its end, that of its client, and another robot that begins to do something beside it.
-    fn to_rest(&self, call: &Call, robot: &str, client: Option<ClientWatch>) -> ToRest {
+    fn to_rest(&self, call: &Call, robot: &str, stood: Stances, client: Option<ClientWatch>) -> ToRest {
         let (cancelled, neighbours, robot) = (call.cancelled.clone(), self.neighbours.clone(), robot.to_owned());
         Box::pin(async move {
             let gone = async move {
@@ -139,7 +140,7 @@ impl Endpoints {
             tokio::select! {
                 () = cancelled.cancelled() => "the caller cancelled, the deadline passed, or motion is to end".to_owned(),
                 () = gone => "the client is gone".to_owned(),
-                begun = neighbours.begun_beside(&robot) => begun,
+                begun = neighbours.begun_beside(&robot, &stood) => begun,
             }
         })
     }
@@ -165,7 +166,7 @@ impl Endpoints {
         let (link, task) = (self.link.clone(), self.task(call, None));
         let driven = robot.clone();
         let follow = async move |to_rest| link.follow(&driven, phases, task, to_rest).await;
-        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, &robot, follow).await?;
+        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, &robot, stood, follow).await?;
         Payload::json(&RecoverReply { outcome, reason, retreated_m, checked_against, joints_rad })
     }
 
