@@ -70,6 +70,7 @@ impl Endpoints {
                 (request, scene)
             }
         };
+        self.neighbours.check_base_of(&request.robot)?;
         let started = std::time::Instant::now();
         let beside = self.neighbours.solids(&request.robot);
         let plan = self.worker.plan(call.context(), request, scene, beside).await?;

@@ -13,6 +13,7 @@ use repose_proto::{CallError, Scene, keys};
 use repose_runtime::{RuntimeError, Session};
 use tokio::task::JoinSet;
 
+use crate::execution::check_base;
 use crate::execution::keep_out::{Zones, check_carried};
 use crate::obstacles::ObstacleShape;
 
@@ -84,6 +85,16 @@ impl Neighbours {
     /// What the robots beside one fill, with room for errors of their bases.
     pub fn solids(&self, robot: &str) -> Vec<ObstacleShape> {
         self.beside(robot).iter().flat_map(|neighbour| neighbour.solids(&self.world_from_base, ROOM_M)).collect()
+    }
+
+    /// Checks that a robot that tells where its base stands has it where motions are planned for. Who carries a plan out cannot see where the robot
+    /// was thought to stand when it was made: another worker, which plans for that very place, would.
+    ///
+    /// # Errors
+    /// Those of [`check_base`].
+    pub fn check_base_of(&self, robot: &str) -> Result<(), CallError> {
+        let told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        told.get(robot).map_or(Ok(()), |last| check_base(&last.state, &self.world_from_base))
     }
 
     /// Checks that the robots beside one stand still, without a task.
@@ -301,6 +312,14 @@ mod tests {
         let stopped = RobotState { task: Some(TaskState { id: Some("t".to_owned()) }), ..standing([0.9, 0.0], "stopped") };
         let refused = beside(&[("across", stopped)]).await.check_still("own").expect_err("its task is open");
         assert!(refused.message.contains("stopped in the midst of a task"), "{refused}");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_robot_that_stands_elsewhere_is_not_planned_for() {
+        let neighbours = beside(&[("own", standing([0.0, 0.0], "idle")), ("across", standing([0.9, 0.0], "idle"))]).await;
+        assert_eq!((neighbours.check_base_of("own"), neighbours.check_base_of("unknown")), (Ok(()), Ok(())));
+        let refused = neighbours.check_base_of("across").expect_err("it is another worker's");
+        assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("900.0 mm"), "{refused}");
     }
 
     #[tokio::test(flavor = "multi_thread")]

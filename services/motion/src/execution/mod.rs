@@ -19,10 +19,10 @@ use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, Moti
 use repose_proto::robot::{HeldObject, Owner, RobotCommand, RobotMode, RobotState, SetPoint, Task};
 use repose_proto::{CallError, limits};
 
-pub use checks::{check_age, check_free, check_unmoved, next_owner};
+pub use checks::{check_age, check_base, check_free, check_unmoved, next_owner};
 pub use settings::ExecutionSettings;
 
-use checks::{apart, check_base, check_model, check_phases, check_start};
+use checks::{apart, check_model, check_phases, check_start};
 use fingers::Fingers;
 use halt::halted;
 
