@@ -20,6 +20,9 @@ use crate::wire::PlanTerms;
 /// Nothing is planned to where the robot would allow less than this, radians per second: an FR3's speeds fall to 0 before its position limits.
 const SLOWEST_RAD_S: f64 = 0.1;
 
+/// The least share of the limits that is used: less is no motion any more.
+const LEAST_SHARE: f64 = 0.01;
+
 /// Configuration of a motion process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -29,17 +32,17 @@ pub struct MotionConfig {
     /// The robot's model, `panda` or `fr3`: under whose limits motions are planned. Default `panda`. A robot that says another model of itself is
     /// not moved.
     pub robot_model: String,
-    /// Share of the joints' velocity limits used in free space, above 0 to a little below 1: the robot's cubics exceed it by a hair. Default 0.5;
+    /// Share of the joints' velocity limits used in free space, 0.01 to a little below 1: the robot's cubics exceed it by a hair. Default 0.5;
     /// higher is faster.
     pub velocity_scale: f64,
-    /// Share of the joints' acceleration limits used in free space, above 0 to what the robot's cubics leave of 1, 0.92 with the other defaults.
+    /// Share of the joints' acceleration limits used in free space, 0.01 to what the robot's cubics leave of 1, 0.92 with the other defaults.
     /// Default 0.25; higher is faster and shakes more.
     pub acceleration_scale: f64,
-    /// Share of the joints' jerk limits used in free space, above 0 to 1. Default 0.1; higher is a little faster and less smooth.
+    /// Share of the joints' jerk limits used in free space, 0.01 to 1. Default 0.1; higher is a little faster and less smooth.
     pub jerk_scale: f64,
-    /// Share of all three near things (approach, lift, lower, retreat), above 0 to 1. Default 0.5.
+    /// Share of all three near things (approach, lift, lower, retreat), 0.01 to 1. Default 0.5.
     pub contact_scale: f64,
-    /// Share of all three while the object is carried, above 0 to 1. Default 0.5; higher is faster and loses more objects.
+    /// Share of all three while the object is carried, 0.01 to 1. Default 0.5; higher is faster and loses more objects.
     pub holding_scale: f64,
     /// Boxes in the world that no part of the arm, nor what it holds, may enter: where people reach in, cables, a wall behind the camera.
     /// Default: none. Plans go around them, an arm is brought back around them, and a plan from elsewhere that enters one is not executed.
@@ -75,7 +78,7 @@ pub struct MotionConfig {
     /// How long fingers may take to settle, milliseconds of robot time, 500 to 60,000. Default 3000; slow fingers need longer. Fingers that still move then
     /// stop the execution.
     pub gripper_timeout_ms: f64,
-    /// Share of the speed and acceleration of free space at which an arm is brought back after a stop, above 0 to 1. Default 0.2.
+    /// Share of the speed and acceleration of free space at which an arm is brought back after a stop, 0.01 to 1. Default 0.2.
     pub recovery_scale: f64,
     /// What happens to an execution whose client is gone: `stop` (it comes to rest on its path) or `finish`. Default `stop`.
     pub on_client_loss: OnClientLoss,
@@ -183,7 +186,7 @@ impl MotionConfig {
     /// # Errors
     /// [`ConfigError`] that names the field.
     pub fn planning(&self) -> Result<PickPlaceSettings, ConfigError> {
-        let share = |field, value: f64| within(field, value, f64::MIN_POSITIVE, 1.0);
+        let share = |field, value: f64| within(field, value, LEAST_SHARE, 1.0);
         share("velocity_scale", self.velocity_scale)?;
         share("acceleration_scale", self.acceleration_scale)?;
         share("jerk_scale", self.jerk_scale)?;
@@ -244,7 +247,7 @@ impl MotionConfig {
     /// # Errors
     /// [`ConfigError`] that names the field.
     pub fn recovery(&self) -> Result<RecoverySettings, ConfigError> {
-        within("recovery_scale", self.recovery_scale, 0.01, 1.0)?;
+        within("recovery_scale", self.recovery_scale, LEAST_SHARE, 1.0)?;
         Ok(RecoverySettings::of(&self.planning()?, self.recovery_scale))
     }
 
@@ -341,6 +344,8 @@ mod tests {
         assert!(config.terms().is_ok() && config.execution().is_ok());
         let bad = MotionConfig { velocity_scale: 1.5, ..config };
         assert_eq!(bad.planning().unwrap_err().field, "velocity_scale");
+        let hardly = MotionConfig { holding_scale: 1e-9, ..MotionConfig::default() };
+        assert_eq!(hardly.planning().unwrap_err().field, "holding_scale");
         let unknown = MotionConfig { robot_model: "ur5".to_owned(), ..MotionConfig::default() };
         assert_eq!(unknown.planning().unwrap_err().field, "robot_model");
         let coarse = MotionConfig { set_point_period_ms: 50.0, ..MotionConfig::default() };

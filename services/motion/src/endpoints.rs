@@ -6,7 +6,7 @@ use std::sync::Arc;
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
-use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RecoverRequest};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest};
 use repose_proto::robot::HeldObject;
 use repose_proto::{CallError, Message, Payload, Scene, Service};
 use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, load_of};
@@ -14,13 +14,14 @@ use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, 
 use crate::client_watch::ClientWatch;
 use crate::config::{MotionConfig, OnClientLoss};
 use crate::execution::{ExecutionTask, check_free};
-use crate::neighbours::Neighbours;
+use crate::neighbours::{Neighbours, Stances};
 use crate::robot_link::{RobotLink, ToRest};
+use crate::wire;
 use crate::worker::Worker;
 
 /// Answers `plan`, `execute`, `reset` and `recover`.
 pub struct Endpoints {
-    worker: Worker,
+    worker: Arc<Worker>,
     link: RobotLink,
     session: Session,
     perception: Caller,
@@ -35,7 +36,7 @@ impl Endpoints {
     /// When the configuration is out of range, or the network or the operating system refuses.
     pub async fn start(session: &Session, config: &MotionConfig) -> Result<Self, RuntimeError> {
         Ok(Self {
-            worker: Worker::start(config)?,
+            worker: Arc::new(Worker::start(config)?),
             link: RobotLink::new(session.clone(), config)?,
             session: session.clone(),
             perception: session.caller(Service::Perception).await?,
@@ -69,6 +70,7 @@ impl Endpoints {
                 (request, scene)
             }
         };
+        self.neighbours.check_base_of(&request.robot)?;
         let started = std::time::Instant::now();
         let beside = self.neighbours.solids(&request.robot);
         let plan = self.worker.plan(call.context(), request, scene, beside).await?;
@@ -78,10 +80,12 @@ impl Endpoints {
 
     /// A plan carried out, with progress by phase. What becomes of it when its client is gone is configured.
     async fn execute(&self, call: &Call) -> Result<Payload, CallError> {
-        let (plan, grasps) = self.worker.executable(call.payload.decode_json()?)?;
-        let held = self.worker.scene(&plan.scene_id);
-        self.neighbours.check(&plan, held.as_ref().map(|held| held.scene()))?;
-        let (robot, task) = (plan.robot.clone(), self.task(call, grasps));
+        let plan: MotionPlan = call.payload.decode_json()?;
+        let robot = plan.robot.clone();
+        let stood = self.neighbours.stances(&robot);
+        let (plan, grasps) = self.executable(plan, call).await?;
+        self.neighbours.check_stances(&robot, &stood)?;
+        let task = self.task(call, grasps);
         let (link, reporting) = (self.link.clone(), call.clone());
         let execute = async move |to_rest| {
             let progress = |phase| match Payload::json(&phase) {
@@ -90,11 +94,28 @@ impl Endpoints {
             };
             link.execute(plan, task, to_rest, progress).await
         };
-        Payload::json(&self.driven(call, &robot, execute).await?)
+        Payload::json(&self.driven(call, &robot, stood, execute).await?)
     }
 
-    /// The arm of a robot driven for a call until it is at rest again. What becomes of that when the client is gone is configured.
-    async fn driven<F>(&self, call: &Call, robot: &str, drive: impl FnOnce(ToRest) -> F) -> Result<ExecuteReply, CallError>
+    /// A plan as it may be carried out beside the robots that stand there, and what it puts into the hand where its scene is to be had.
+    async fn executable(&self, plan: MotionPlan, call: &Call) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
+        let fetched = self.missing_scene(&plan.scene_id, call).await;
+        let (worker, neighbours, context) = (self.worker.clone(), self.neighbours.clone(), call.context());
+        let check = move || -> Result<_, CallError> {
+            let go_on = || context.check();
+            let (plan, held) = worker.executable(plan, fetched, &go_on)?;
+            let scene = held.as_ref().map(|held| held.scene());
+            neighbours.check(&plan, scene, &go_on)?;
+            let grasps = scene.and_then(|scene| wire::held_object(scene, &plan));
+            Ok((plan, grasps))
+        };
+        let checked = tokio::task::spawn_blocking(check).await;
+        checked.map_err(|e| CallError::internal(format!("the check of a plan was lost: {e}")))?
+    }
+
+    /// The arm of a robot driven for a call until it is at rest again, while those beside it stand as they `stood`. What becomes of that when the
+    /// client is gone is configured.
+    async fn driven<F>(&self, call: &Call, robot: &str, stood: Stances, drive: impl FnOnce(ToRest) -> F) -> Result<ExecuteReply, CallError>
     where
         F: Future<Output = Result<ExecuteReply, CallError>> + Send + 'static,
     {
@@ -103,12 +124,12 @@ impl Endpoints {
             OnClientLoss::Finish => None,
         };
         // A task of its own: the end of the call must not cut it off between two commands.
-        let driven = tokio::spawn(drive(self.to_rest(call, robot, client)));
+        let driven = tokio::spawn(drive(self.to_rest(call, robot, stood, client)));
         driven.await.map_err(|e| CallError::internal(format!("the execution was lost: {e}")))?
     }
 
     /// What brings an arm to rest that is driven for a call: its end, that of its client, and another robot that begins to do something beside it.
-    fn to_rest(&self, call: &Call, robot: &str, client: Option<ClientWatch>) -> ToRest {
+    fn to_rest(&self, call: &Call, robot: &str, stood: Stances, client: Option<ClientWatch>) -> ToRest {
         let (cancelled, neighbours, robot) = (call.cancelled.clone(), self.neighbours.clone(), robot.to_owned());
         Box::pin(async move {
             let gone = async move {
@@ -120,7 +141,7 @@ impl Endpoints {
             tokio::select! {
                 () = cancelled.cancelled() => "the caller cancelled, the deadline passed, or motion is to end".to_owned(),
                 () = gone => "the client is gone".to_owned(),
-                begun = neighbours.begun_beside(&robot) => begun,
+                begun = neighbours.begun_beside(&robot, &stood) => begun,
             }
         })
     }
@@ -146,7 +167,7 @@ impl Endpoints {
         let (link, task) = (self.link.clone(), self.task(call, None));
         let driven = robot.clone();
         let follow = async move |to_rest| link.follow(&driven, phases, task, to_rest).await;
-        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, &robot, follow).await?;
+        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, &robot, stood, follow).await?;
         Payload::json(&RecoverReply { outcome, reason, retreated_m, checked_against, joints_rad })
     }
 

@@ -13,7 +13,8 @@ use repose_proto::{CallError, Scene, keys};
 use repose_runtime::{RuntimeError, Session};
 use tokio::task::JoinSet;
 
-use crate::execution::keep_out::Zones;
+use crate::execution::check_base;
+use crate::execution::keep_out::{Zones, check_carried};
 use crate::obstacles::ObstacleShape;
 
 /// States that wait to be read: hundreds of milliseconds of a few robots that tell theirs a thousand times a second.
@@ -36,6 +37,9 @@ const ROOM_M: f64 = 0.03;
 
 /// A robot that has told nothing for longer than this is silent: states come twenty times a second or more often.
 const SILENT: Duration = Duration::from_secs(2);
+
+/// How robots stand, by their names.
+pub type Stances = BTreeMap<String, Joints>;
 
 /// What a robot has told last, and when.
 struct LastState {
@@ -83,6 +87,16 @@ impl Neighbours {
         self.beside(robot).iter().flat_map(|neighbour| neighbour.solids(&self.world_from_base, ROOM_M)).collect()
     }
 
+    /// Checks that a robot that tells where its base stands has it where motions are planned for. Who carries a plan out cannot see where the robot
+    /// was thought to stand when it was made: another worker, which plans for that very place, would.
+    ///
+    /// # Errors
+    /// Those of [`check_base`].
+    pub fn check_base_of(&self, robot: &str) -> Result<(), CallError> {
+        let told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        told.get(robot).map_or(Ok(()), |last| check_base(&last.state, &self.world_from_base))
+    }
+
     /// Checks that the robots beside one stand still, without a task.
     ///
     /// # Errors
@@ -93,32 +107,33 @@ impl Neighbours {
     }
 
     /// How the robots beside one stand, by their names.
-    pub fn stances(&self, robot: &str) -> BTreeMap<String, Joints> {
+    pub fn stances(&self, robot: &str) -> Stances {
         self.beside(robot).into_iter().map(|neighbour| (neighbour.name, neighbour.state.q_rad)).collect()
     }
 
-    /// Checks that the robots beside one stand still, where they stood when a way around them was planned: while it waited for its turn, and was
-    /// looked for, another may have moved and come to rest on it.
+    /// Checks that the robots beside one stand still, where they stood when a way around them was planned or checked: while it waited for its turn,
+    /// and was looked for, another may have moved and come to rest on it.
     ///
     /// # Errors
     /// As [`Neighbours::check_still`], and where one stands elsewhere.
-    pub fn check_stances(&self, robot: &str, stood: &BTreeMap<String, Joints>) -> Result<(), CallError> {
+    pub fn check_stances(&self, robot: &str, stood: &Stances) -> Result<(), CallError> {
         self.check_still(robot)?;
         let near = |a: &Joints, b: &Joints| (0..JOINT_COUNT).all(|i| (a[i] - b[i]).abs() <= MOVED_RAD);
         let has_moved = |neighbour: &&Neighbour| stood.get(&neighbour.name).is_none_or(|q_rad| !near(q_rad, &neighbour.state.q_rad));
         self.beside(robot).iter().find(has_moved).map_or(Ok(()), |moved| {
-            let message = format!("robot {} has moved within reach while the way was planned: ask again", moved.name);
+            let message = format!("robot {} has moved within reach since the way around it was planned or checked: ask again", moved.name);
             Err(CallError::precondition(message).at("robot"))
         })
     }
 
-    /// Waits until a robot beside one does something, and says which. Robots that begin at the same moment pass [`Neighbours::check_still`] both, for
-    /// neither has told yet that it has begun; and whoever else moves one does not ask here.
-    pub async fn begun_beside(&self, robot: &str) -> String {
+    /// Waits until a robot beside one does something, or stands elsewhere than where it stood when the way around it was checked, and says which.
+    /// Robots that begin at the same moment pass [`Neighbours::check_still`] both, for neither has told yet that it has begun; and whoever else moves
+    /// one does not ask here: a person who guides it by hand has it neither move by its own word nor have a task.
+    pub async fn begun_beside(&self, robot: &str, stood: &Stances) -> String {
         let mut looks = tokio::time::interval(LOOK);
         loop {
             looks.tick().await;
-            if let Err(begun) = self.check_still(robot) {
+            if let Err(begun) = self.check_stances(robot, stood) {
                 return begun.message;
             }
         }
@@ -127,13 +142,14 @@ impl Neighbours {
     /// Checks a plan against the robots beside its own, where they stand now.
     ///
     /// # Errors
-    /// As [`Neighbours::check_still`], and where the plan would touch one; those of [`Zones::check`].
-    pub fn check(&self, plan: &MotionPlan, scene: Option<&Scene>) -> Result<(), CallError> {
+    /// As [`Neighbours::check_still`], and where the plan would touch one, or carries nobody knows what beside one; those of [`Zones::check`].
+    pub fn check(&self, plan: &MotionPlan, scene: Option<&Scene>, go_on: &dyn Fn() -> Result<(), CallError>) -> Result<(), CallError> {
         self.check_still(&plan.robot)?;
         self.beside(&plan.robot).iter().try_for_each(|neighbour| {
+            check_carried(plan, scene)?;
             let solids = neighbour.solids(&self.world_from_base, 0.0);
             let of_robot = Some(neighbour.name.as_str());
-            Zones { world_from_base: &self.world_from_base, solids: &solids, of_robot }.check(plan, scene)
+            Zones { world_from_base: &self.world_from_base, solids: &solids, of_robot }.check(plan, scene, go_on)
         })
     }
 
@@ -277,7 +293,7 @@ mod tests {
         assert_eq!(neighbours.check_stances("own", &stood), Ok(()));
         let mut elsewhere = across.clone();
         elsewhere.q_rad[0] += 1.0;
-        for (meanwhile, stood) in [(elsewhere, &stood), (across.clone(), &BTreeMap::new())] {
+        for (meanwhile, stood) in [(elsewhere, &stood), (across.clone(), &Stances::new())] {
             let refused = beside(&[("across", meanwhile)]).await.check_stances("own", stood).expect_err("it has moved, or come");
             assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("across has moved"), "{refused}");
         }
@@ -296,5 +312,28 @@ mod tests {
         let stopped = RobotState { task: Some(TaskState { id: Some("t".to_owned()) }), ..standing([0.9, 0.0], "stopped") };
         let refused = beside(&[("across", stopped)]).await.check_still("own").expect_err("its task is open");
         assert!(refused.message.contains("stopped in the midst of a task"), "{refused}");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_robot_that_stands_elsewhere_is_not_planned_for() {
+        let neighbours = beside(&[("own", standing([0.0, 0.0], "idle")), ("across", standing([0.9, 0.0], "idle"))]).await;
+        assert_eq!((neighbours.check_base_of("own"), neighbours.check_base_of("unknown")), (Ok(()), Ok(())));
+        let refused = neighbours.check_base_of("across").expect_err("it is another worker's");
+        assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("900.0 mm"), "{refused}");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn an_arm_that_somebody_guides_by_hand_has_begun_to_do_something() {
+        let neighbours = beside(&[("across", standing([0.9, 0.0], "stopped"))]).await;
+        let stood = neighbours.stances("own");
+        let begun = neighbours.begun_beside("own", &stood);
+        let guided = async {
+            for last in neighbours.told.lock().expect("what was told").values_mut() {
+                last.state.q_rad[0] += 0.1;
+            }
+        };
+        let watched = async { tokio::join!(begun, guided).0 };
+        let said = tokio::time::timeout(Duration::from_secs(10), watched).await.expect("it is noticed");
+        assert!(said.contains("across has moved"), "{said}");
     }
 }

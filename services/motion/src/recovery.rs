@@ -60,7 +60,8 @@ impl RecoverySettings {
             obstacles: planning.obstacles,
             padding_m: planning.padding_m,
             timing: TimingSettings { deviation_rad: 0.002, ..planning.timing.slowed(share) },
-            inverse: planning.reach.inverse,
+            // What planning keeps off the limits keeps nobody from having stopped the arm, or moved it by hand, nearer to them.
+            inverse: InverseSettings { limit_margin_rad: 0.0, ..planning.reach.inverse },
             retreat_m: planning.reach.standoff_m,
             least_m: 0.02,
             self_m: 0.02,
@@ -231,7 +232,7 @@ mod tests {
     use crate::pick_place::plan::Phase;
     use crate::pick_place::{PickPlaceRequest, pick_place};
     use crate::synthetic;
-    use repose_panda::FINGER_OPENING_MAX_M;
+    use repose_panda::{FINGER_OPENING_MAX_M, LIMITS};
 
     fn settings() -> RecoverySettings {
         RecoverySettings::of(&PickPlaceSettings::default(), 0.2)
@@ -263,6 +264,16 @@ mod tests {
         let home = Recovery::new(&stands, opening_m, Some(&scene), &settings).home(&|| false).unwrap().expect("a way");
         assert_eq!(*home.end(), READY);
         assert!(home.duration_s() > 2.0, "slowly: {} s", home.duration_s());
+    }
+
+    #[test]
+    fn an_arm_that_was_stopped_next_to_a_joints_limit_backs_off() {
+        let settings = settings();
+        for last_rad in [LIMITS.position_lower_rad[6] + 0.004, LIMITS.position_upper_rad[6] - 0.004] {
+            let start = [READY[0], READY[1], READY[2], READY[3], READY[4], READY[5], last_rad];
+            let (_, retreated_m) = Recovery::new(&start, FINGER_OPENING_MAX_M, None, &settings).retreat().unwrap();
+            assert!((retreated_m - 0.1).abs() < 1e-9, "{retreated_m}");
+        }
     }
 
     #[test]

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use repose_panda::FINGER_OPENING_MAX_M;
 use repose_proto::motion::{KeepOutZone, MotionPhase, MotionPlan, MotionPlanRequest, Phase, RecoverRequest, RecoveryMove};
-use repose_proto::robot::{GripperCommand, HeldObject, RobotState};
+use repose_proto::robot::{GripperCommand, RobotState};
 use repose_proto::{CallError, ErrorCode, Scene};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, check_scene_id};
 
 use crate::config::MotionConfig;
-use crate::execution::keep_out::Zones;
+use crate::execution::keep_out::{Zones, check_carried};
 use crate::execution::{check_age, check_unmoved};
 use crate::motion_scene::MotionScene;
 use crate::obstacles::ObstacleShape;
@@ -161,14 +161,26 @@ impl Worker {
         self.queue.run(context, job).await
     }
 
-    /// A plan as it may be carried out, and what it puts into the hand where the scene is held. It travels through its caller, so what it says
-    /// of its scene's age counts only where that is stricter than this worker's own limit and, where the scene is held, than when that was seen.
+    /// A plan as it may be carried out, and its scene where that is held, or was `fetched`. It travels through its caller, so what it says of its
+    /// scene's age counts only where that is stricter than this worker's own limit and, where the scene is held, than when that was seen. Not for
+    /// async code: it hashes a scene that was fetched, and goes through the whole plan; whether to `go_on` is asked now and then.
     ///
     /// # Errors
-    /// `not_found` when the plan's scene is held and has no such object; `failed_precondition` when the plan enters a keep-out zone.
-    pub fn executable(&self, mut plan: MotionPlan) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
-        let held = self.scenes.get(&plan.scene_id).ok();
-        let grasps = held.as_ref().and_then(|held| wire::held_object(held.scene(), &plan));
+    /// `not_found` when the plan's scene is held and has no such object; `failed_precondition` when the plan enters a keep-out zone, or carries
+    /// nobody knows what where there are some; `invalid_argument` when another scene was fetched; what `go_on` says.
+    pub fn executable(
+        &self,
+        mut plan: MotionPlan,
+        fetched: Option<Scene>,
+        go_on: &dyn Fn() -> Result<(), CallError>,
+    ) -> Result<(MotionPlan, Option<Arc<MotionScene>>), CallError> {
+        let held = match fetched {
+            Some(scene) => {
+                check_scene_id(&scene, &plan.scene_id)?;
+                Some(self.scenes.keep(&plan.scene_id, Arc::new(MotionScene::new(scene))))
+            }
+            None => self.scenes.get(&plan.scene_id).ok(),
+        };
         if let Some(scene) = held.as_ref().map(|held| held.scene()) {
             if scene.object(plan.query).is_none() {
                 return Err(CallError::not_found("query", format!("the plan's scene has no object {}", plan.query)));
@@ -176,14 +188,13 @@ impl Worker {
             plan.scene_stamp_ns = plan.scene_stamp_ns.min(scene.stamp_ns);
         }
         plan.max_scene_age_ms = plan.max_scene_age_ms.min(self.terms.max_scene_age_ms);
+        let scene = held.as_ref().map(|held| held.scene());
+        if !self.settings.keep_out.is_empty() {
+            check_carried(&plan, scene)?;
+        }
         let zones = Zones { world_from_base: &self.settings.world_from_base, solids: &self.settings.keep_out, of_robot: None };
-        zones.check(&plan, held.as_ref().map(|held| held.scene()))?;
-        Ok((plan, grasps))
-    }
-
-    /// A scene that is held.
-    pub fn scene(&self, scene_id: &str) -> Option<Arc<MotionScene>> {
-        self.scenes.get(scene_id).ok()
+        zones.check(&plan, scene, go_on)?;
+        Ok((plan, held))
     }
 
     /// The keep-out zones that are heeded here.

@@ -208,7 +208,7 @@ fn sent(plan: &PickPlacePlan) -> MotionPlan {
 /// Whether a plan that was sent keeps out of the zones of a cell.
 fn keeps_out(plan: &MotionPlan, config: &MotionConfig, scene: Option<&Scene>) -> Result<(), CallError> {
     let settings = config.planning().unwrap();
-    Zones { world_from_base: &settings.world_from_base, solids: &settings.keep_out, of_robot: None }.check(plan, scene)
+    Zones { world_from_base: &settings.world_from_base, solids: &settings.keep_out, of_robot: None }.check(plan, scene, &|| Ok(()))
 }
 
 fn plan_in(config: &MotionConfig, placements: &[Isometry3<f64>]) -> Result<PickPlacePlan, PickPlaceError> {
@@ -253,6 +253,26 @@ fn what_is_held_keeps_out_of_a_zone_under_the_hand() {
     let (first, refused) = (5..40).find_map(|cm| Some((cm, keeps_out(&straight, &low(cm), Some(&scene)).err()?))).unwrap();
     assert!((10..20).contains(&first) && refused.message.contains("held object"), "{first} cm: {}", refused.message);
     assert_eq!(keeps_out(&straight, &low(first), None), Ok(()));
+}
+
+#[test]
+fn fingers_are_held_against_a_zone_where_they_were_sent_and_not_wide_open() {
+    let found = plan(1, &[moved(0.45, 0.25)], None).unwrap().grasp;
+    let narrow = GraspCandidate { opening_m: 0.056, aside_m: 0.0, ..found };
+    let narrow = plan(1, &[moved(0.45, 0.25)], Some(&[narrow])).unwrap();
+    let approach = narrow.phases.iter().find(|p| p.phase == Phase::Approach).unwrap().trajectory.as_ref().unwrap();
+    // A small thing at the height of the fingertips where they grasp, so far beside their middle.
+    let beside = |y_m: f64| {
+        let at = (base_from_tcp(approach.end()) * Point3::new(0.0, y_m, 0.0)).coords;
+        zone((at - Vector3::repeat(0.002)).into(), (at + Vector3::repeat(0.002)).into())
+    };
+    let (mut sent, near, clear) = (sent(&narrow), beside(0.040), beside(0.056));
+    assert_eq!(keeps_out(&sent, &clear, None), Ok(()), "the tips reach 48 mm from their middle");
+    let refused = keeps_out(&sent, &near, None).unwrap_err();
+    assert!(refused.message.contains("Finger would enter keep_out[0] in phase approach"), "{}", refused.message);
+    // Where nothing says how far they are apart they may be wide open.
+    sent.phases[0].gripper = None;
+    assert!(keeps_out(&sent, &clear, None).is_err());
 }
 
 #[test]

@@ -31,28 +31,32 @@ pub struct Zones<'a> {
 }
 
 impl Zones<'_> {
-    /// Checks all that a plan goes through, its set-points and the cubics between them as the robot follows them: the arm by its own spheres, and,
-    /// where the plan's scene is known, what was seen of the object from the grasp to the release. Without a margin: planning keeps one.
+    /// Checks all that a plan goes through, its set-points and the cubics between them as the robot follows them: the arm by its own spheres, its
+    /// fingers no further apart than they were sent, and, where the plan's scene is known, what was seen of the object from the grasp to the release.
+    /// Without a margin: planning keeps one. That takes seconds for a large plan; whether to `go_on` is asked at every set-point.
     ///
     /// # Errors
     /// `failed_precondition` at the first set-point on the way to which something is in a zone; `invalid_argument` at one that is too far from the
-    /// one before for that to be told.
-    pub fn check(&self, plan: &MotionPlan, scene: Option<&Scene>) -> Result<(), CallError> {
+    /// one before for that to be told; what `go_on` says.
+    pub fn check(&self, plan: &MotionPlan, scene: Option<&Scene>, go_on: &dyn Fn() -> Result<(), CallError>) -> Result<(), CallError> {
         if self.solids.is_empty() {
             return Ok(());
         }
         let object = scene.map_or_else(Vec::new, |scene| held(scene, plan));
-        let mut holds = false;
+        let (mut holds, mut opening_m) = (false, FINGER_OPENING_MAX_M);
         for (i, phase) in plan.phases.iter().enumerate() {
             holds = match phase.name {
                 Phase::Grasp => true,
                 Phase::Release => false,
                 _ => holds,
             };
+            // Fingers that close on something stop short of where they are sent, nobody can tell where: no further apart than they were.
+            opening_m = phase.gripper.filter(|_| phase.name != Phase::Grasp).map_or(opening_m, |gripper| gripper.width_m);
             for (j, point) in phase.set_points.iter().enumerate() {
+                go_on()?;
                 let at = || format!("phases[{i}].set_points[{j}]");
                 let before = j.checked_sub(1).map_or(point, |before| &phase.set_points[before]);
-                let entered = |q_rad: Joints| self.entered(&q_rad, if holds { &object } else { &[] });
+                let entered = |q_rad: Joints| self.entered(&q_rad, opening_m, if holds { &object } else { &[] });
                 if let Some(what) = way(before, point).map_err(|e| e.at(at()))?.find_map(entered) {
                     return Err(CallError::precondition(format!("{what} in phase {}", phase.name)).at(at()));
                 }
@@ -61,9 +65,9 @@ impl Zones<'_> {
         Ok(())
     }
 
-    /// What would enter a zone in a posture, with an object of these points in the frame of the tool centre point.
-    fn entered(&self, q_rad: &Joints, object: &[Point3<f64>]) -> Option<String> {
-        let spheres = spheres_in_base(&LinkFrames::at(q_rad), FINGER_OPENING_MAX_M);
+    /// What would enter a zone in a posture, the fingers so far apart, with an object of these points in the frame of the tool centre point.
+    fn entered(&self, q_rad: &Joints, opening_m: f64, object: &[Point3<f64>]) -> Option<String> {
+        let spheres = spheres_in_base(&LinkFrames::at(q_rad), opening_m);
         // The foot never moves.
         for (sphere, link) in spheres.iter().zip(SPHERE_LINKS).skip(Link::Link0.sphere_range().end) {
             let center = self.world_from_base * sphere.center;
@@ -81,6 +85,19 @@ impl Zones<'_> {
     fn meeting(&self, solid: usize) -> String {
         self.of_robot.map_or_else(|| format!("enter keep_out[{solid}]"), |robot| format!("touch robot {robot}"))
     }
+}
+
+/// Refuses a plan that carries something of a scene that nobody has: whether that keeps out of zones and clear of other robots cannot be told.
+///
+/// # Errors
+/// `failed_precondition` on `scene_id`.
+pub fn check_carried(plan: &MotionPlan, scene: Option<&Scene>) -> Result<(), CallError> {
+    if scene.is_some() || plan.phases.iter().all(|phase| phase.name != Phase::Grasp) {
+        return Ok(());
+    }
+    let message = "neither motion nor perception has the plan's scene any more, so what it carries cannot be held against keep-out zones and \
+                   other robots: look again, and plan anew";
+    Err(CallError::precondition(message).at("scene_id"))
 }
 
 /// The points of a plan's object in the frame of the tool centre point that grasps it.

@@ -19,10 +19,10 @@ use repose_proto::motion::{ExecuteProgress, ExecuteReply, ExecutionOutcome, Moti
 use repose_proto::robot::{HeldObject, Owner, RobotCommand, RobotMode, RobotState, SetPoint, Task};
 use repose_proto::{CallError, limits};
 
-pub use checks::{check_age, check_free, check_unmoved, next_owner};
+pub use checks::{check_age, check_base, check_free, check_unmoved, next_owner};
 pub use settings::ExecutionSettings;
 
-use checks::{apart, check_base, check_model, check_phases, check_start};
+use checks::{apart, check_model, check_phases, check_start};
 use fingers::Fingers;
 use halt::halted;
 
@@ -267,9 +267,7 @@ impl Execution {
                 Vec::new()
             }
             Stage::Stream { taken, .. } => {
-                let followed_ms = self.last_state.stream_ms.filter(|_| self.is_taken(taken.first_seq)).unwrap_or(0.0);
-                let set_points =
-                    halted(&self.current().set_points, followed_ms + self.settings.halt_lead_ms, &self.settings.model.limits());
+                let set_points = self.way_to_rest(taken, now_ms);
                 self.halt = Some(Halt { reason: reason.to_owned(), set_points, first_seq: self.seq + 1, since_ms: now_ms });
                 self.go_on_halting(now_ms)
             }
@@ -279,6 +277,22 @@ impl Execution {
     /// Ends the execution where nothing can be sent any more: the robot comes to rest by its own rules, and latches.
     pub fn abandon(&mut self, reason: &str) -> Vec<ExecutionAction> {
         if self.over { Vec::new() } else { self.stopped(reason.to_owned()) }
+    }
+
+    /// The current stream from where the robot was last seen on it, slowed down from ahead of where it may be by now: it went on while its states
+    /// were late or lost. What lies between goes along, for not all of it may have come.
+    fn way_to_rest(&self, taken: Taken, now_ms: u64) -> Vec<SetPoint> {
+        let (shown_ms, since_ms) = match self.is_taken(taken.first_seq) {
+            true => (self.last_state.stream_ms.unwrap_or(0.0), self.last_state_ms),
+            false => (0.0, taken.sent_at_ms),
+        };
+        // Further than the horizon it has nothing to follow.
+        let gone_on_ms = (now_ms.saturating_sub(since_ms) as f64).min(self.settings.horizon_ms);
+        let stream = &self.current().set_points;
+        let halt = halted(stream, shown_ms + gone_on_ms + self.settings.halt_lead_ms, &self.settings.model.limits());
+        let first = stream.partition_point(|p| p.t_ms <= shown_ms).saturating_sub(1);
+        let before = stream[first..].iter().take_while(|p| halt.first().is_some_and(|slows| p.t_ms < slows.t_ms));
+        before.copied().chain(halt.iter().copied()).collect()
     }
 
     /// Sends the way to rest again while it may have been lost and can still be followed; gives up when the robot should long stand.

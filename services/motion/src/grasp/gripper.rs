@@ -184,7 +184,7 @@ impl<'a> Between<'a> {
         let mut seen = seen_with(offset_m, opening_m);
         if (seen[0] < settings.seen_min) != (seen[1] < settings.seen_min) {
             opening_m = FINGER_OPENING_MAX_M;
-            let away_m = 0.5 * (opening_m - width_m) - settings.clearance_seen_m;
+            let away_m = away_m(width_m, settings);
             aside_m = if seen[0] < settings.seen_min { -away_m } else { away_m };
             seen = seen_with(offset_m + aside_m, opening_m);
         }
@@ -281,6 +281,12 @@ fn seen_from_tcp(points: &[Point3<f32>], world_from_tcp: &Isometry3<f64>) -> Vec
     let tcp_from_world = world_from_tcp.inverse().cast::<f32>();
     let turn = tcp_from_world.rotation.to_rotation_matrix();
     points.iter().map(|p| turn * p + tcp_from_world.translation.vector).collect()
+}
+
+/// How far from the middle of what is between them wide open fingers come down, metres, so that the one that comes down unseen gets all the room that
+/// the other does not need: where there is less than that for both, each gets half of it.
+fn away_m(width_m: f64, settings: &GripperSettings) -> f64 {
+    (0.5 * (FINGER_OPENING_MAX_M - width_m) - settings.clearance_seen_m).max(0.0)
 }
 
 /// Shares of the way from where the open hand comes down to the middle of the object that are tried, the whole first.
@@ -445,6 +451,16 @@ mod tests {
         assert!((fit.width_m - 0.06).abs() < 0.004, "{fit:?}");
         let middle = tcp * Point3::new(0.0, fit.offset_m, 0.0);
         assert!(middle.x.abs() < 0.003, "the fingers close about its axis: {middle}");
+    }
+
+    #[test]
+    fn a_finger_that_comes_down_unseen_gets_no_less_room_than_the_other() {
+        let settings = GripperSettings::default();
+        for width_m in [0.03, 0.06, 0.068, 0.07, 0.074] {
+            let (away_m, half_m) = (away_m(width_m, &settings), 0.5 * (FINGER_OPENING_MAX_M - width_m));
+            let [unseen_m, seen_m] = [half_m + away_m, half_m - away_m];
+            assert!(unseen_m >= seen_m && seen_m >= half_m.min(settings.clearance_seen_m) - 1e-12, "{unseen_m} and {seen_m} at {width_m}");
+        }
     }
 
     #[test]

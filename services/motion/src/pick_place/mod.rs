@@ -29,7 +29,7 @@ use crate::path::simplify::simplified;
 use crate::path::timed::timed;
 use crate::path::timing::{TimingSettings, Trajectory};
 use crate::pick_place::plan::{EndTally, GripperMove, Phase, PickPlaceError, PickPlacePlan, PlannedPhase, SkippedPlacement};
-use crate::pick_place::reach::{EndFailure, EndSearch, PickEnd, PlaceEnd};
+use crate::pick_place::reach::{EndFailure, EndSearch, PickEnd, PlaceEnd, openings_between};
 
 /// Height of the shoulder over the base, metres.
 const SHOULDER_M: f64 = 0.333;
@@ -136,6 +136,7 @@ impl<'a> TriedGrasp<'a> {
                 open: search.checker(search.others, grasp.opening_m, None),
                 holding: search.checker(search.others, closed_m, Some(&held)),
                 closed: search.checker(search.others, closed_m, None),
+                moving: openings_between(closed_m, grasp.opening_m).map(|m| search.checker(search.others, m, None)).collect(),
                 settings: &search.settings.reach,
             }
         })

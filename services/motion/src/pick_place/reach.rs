@@ -53,6 +53,16 @@ impl Default for EndSearchSettings {
     }
 }
 
+/// By how much the openings at which moving fingers are looked at differ, metres. Each finger goes half of that, no more than its spheres' radius, so
+/// that they leave out next to nothing of its way.
+const OPENING_STEP_M: f64 = 0.024;
+
+/// The openings at which fingers are looked at that move from closed to open, both left out, metres.
+pub fn openings_between(closed_m: f64, open_m: f64) -> impl Iterator<Item = f64> {
+    let steps = ((open_m - closed_m) / OPENING_STEP_M).ceil().max(1.0);
+    (1..steps as usize).map(move |k| closed_m + (open_m - closed_m) * k as f64 / steps)
+}
+
 /// Why a grasp has no such end.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum EndFailure {
@@ -93,6 +103,8 @@ pub struct EndSearch<'a> {
     pub holding: CollisionChecker<'a>,
     /// Judges the closed hand alone: where what it holds may still touch what it stood on.
     pub closed: CollisionChecker<'a>,
+    /// Judge the hand at the [`openings_between`] closed and open: it goes through them where it closes and where it lets go.
+    pub moving: Vec<CollisionChecker<'a>>,
     /// How.
     pub settings: &'a EndSearchSettings,
 }
@@ -112,6 +124,7 @@ impl EndSearch<'_> {
             approach.extend(down.into_iter().skip(1));
             check(&approach, &self.open)?;
             approach.reverse();
+            self.check_fingers(joints)?;
             let lift = self.follow(joints, &base_from_tcp, &self.raised(&base_from_tcp, self.settings.lift_m))?;
             let in_contact = (self.settings.lift_contact_m / self.settings.step_m).ceil() as usize;
             check(&lift[..(in_contact + 1).min(lift.len())], &self.closed)?;
@@ -134,6 +147,7 @@ impl EndSearch<'_> {
             let back = release * Isometry3::translation(0.0, 0.0, -self.settings.standoff_m);
             let retreat = self.follow(joints, &release, &back)?;
             check(&retreat, &self.open)?;
+            self.check_fingers(joints)?;
             Ok(PlaceEnd { lower, retreat })
         })
     }
@@ -189,6 +203,11 @@ impl EndSearch<'_> {
         Err(failure)
     }
 
+    /// Checks the fingers' own way between closed and open in a posture in which both of these are free.
+    fn check_fingers(&self, joints: &Joints) -> Result<(), EndFailure> {
+        self.moving.iter().find_map(|hand| hand.contact(joints)).map_or(Ok(()), |contact| Err(EndFailure::Blocked(contact)))
+    }
+
     /// Joint angles along the straight motion of the hand between two poses, from `joints` at the first.
     fn follow(&self, joints: &Joints, base_from_start: &Isometry3<f64>, base_from_end: &Isometry3<f64>) -> Result<Vec<Joints>, EndFailure> {
         let way = base_from_end.translation.vector - base_from_start.translation.vector;
@@ -223,5 +242,50 @@ fn check(path: &[Joints], checker: &CollisionChecker<'_>) -> Result<(), EndFailu
     match path.windows(2).find(|w| !checker.edge_is_free(&w[0], &w[1])) {
         Some(w) => Err(EndFailure::Blocked(checker.contact(&between(&w[0], &w[1], 0.5)).unwrap_or(Contact::Itself))),
         None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+    use repose_panda::{READY, base_from_tcp};
+
+    use super::*;
+    use crate::collision::ArmCollisionSettings;
+    use crate::obstacles::{ObstacleShape, Obstacles};
+
+    #[test]
+    fn fingers_do_not_open_through_what_is_thin_and_between_where_they_close_and_open() {
+        let (closed_m, open_m, settings) = (0.005, 0.08, EndSearchSettings::default());
+        let grasp =
+            GraspCandidate { world_from_tcp: base_from_tcp(&READY), aside_m: 0.0, opening_m: open_m, width_m: Some(closed_m), score: 1.0 };
+        let release = Translation3::new(0.0, 0.0, settings.release_m) * grasp.world_from_tcp;
+        let thin = Obstacles::solids(vec![ObstacleShape::ball(release * Point3::new(0.0, 0.0293, 0.0), 0.0005)]);
+        let obstacles = [&thin];
+        let hand = |finger_opening_m| {
+            CollisionChecker::new(
+                ArmCollisionSettings { finger_opening_m, padding_m: 0.005, ..ArmCollisionSettings::default() },
+                &obstacles,
+                None,
+            )
+        };
+        let ends = |moving| EndSearch {
+            base_from_world: Isometry3::identity(),
+            open: hand(open_m),
+            holding: hand(closed_m),
+            closed: hand(closed_m),
+            moving,
+            settings: &settings,
+        };
+        let placed = |ends: EndSearch<'_>| ends.place(&grasp, &Isometry3::identity(), &READY);
+        assert!(placed(ends(Vec::new())).is_ok(), "it is clear of the closed fingers and of the open ones");
+        let moving = openings_between(closed_m, open_m).map(hand).collect();
+        assert!(matches!(placed(ends(moving)), Err(EndFailure::Blocked(_))));
+    }
+
+    #[test]
+    fn fingers_that_hardly_move_are_looked_at_where_they_begin_and_end() {
+        assert_eq!(openings_between(0.05, 0.072).count() + openings_between(0.08, 0.08).count(), 0);
+        assert_eq!(openings_between(0.0, 0.048).collect::<Vec<_>>(), [0.024]);
     }
 }

@@ -87,6 +87,8 @@ pub struct Arm {
     gripper: Option<GripperCommand>,
     /// What the last gripper action was to grasp.
     grasps: Option<HeldObject>,
+    /// What is between the fingers where they stand against something: what was last to be grasped, until they have let go of it.
+    in_hand: Option<HeldObject>,
     /// Whether the fingers stand against something.
     grips: bool,
     /// The newest instant that was handed in, seconds of the receiver's monotonic clock.
@@ -123,6 +125,7 @@ impl Arm {
             braking: None,
             gripper: None,
             grasps: None,
+            in_hand: None,
             grips: false,
             now_s: 0.0,
             handled_s: None,
@@ -150,6 +153,7 @@ impl Arm {
         self.stream_ms = None;
         self.gripper = None;
         self.grasps = None;
+        self.in_hand = None;
         self.grips = false;
     }
 
@@ -195,7 +199,7 @@ impl Arm {
 
     /// What the hand holds, as far as it was told.
     pub fn held(&self) -> Option<&HeldObject> {
-        self.grasps.as_ref().filter(|_| self.grips)
+        self.in_hand.as_ref().filter(|_| self.grips)
     }
 
     /// How long ago the hand last took hold of an object or let go of one, or may have, milliseconds; none where it has not yet.
@@ -355,6 +359,10 @@ impl Arm {
         if command.gripper.is_some() {
             self.gripper = command.gripper;
             self.grasps = command.task.as_ref().and_then(|task| task.grasps.clone());
+            // A hand that holds something and is told to let go may never come to it: a stop drops the action, or the hand leaves it off.
+            if self.grasps.is_some() || !self.grips {
+                self.in_hand.clone_from(&self.grasps);
+            }
             if self.grips || self.grasps.is_some() {
                 self.handled_s = Some(now_s);
             }

@@ -308,7 +308,33 @@ fn what_was_to_be_grasped_is_said_to_be_held_while_the_fingers_find_something() 
     let mut open = task_command(3, 1, true);
     open.gripper = Some(GripperCommand { width_m: 0.08, force_n: 30.0 });
     arm.command(&open, 0.2).expect("taken");
+    assert_eq!(arm.held(), Some(&held), "the fingers have not moved yet");
+    arm.set_grips(false, 0.3);
     assert_eq!(arm.held(), None);
+    let close = RobotCommand { gripper: Some(GripperCommand { width_m: 0.0, force_n: 30.0 }), ..task_command(4, 1, true) };
+    arm.command(&close, 0.4).expect("taken");
+    arm.set_grips(true, 0.5);
+    assert_eq!(arm.held(), None, "what they find now nobody has told");
+}
+
+#[test]
+fn an_object_that_was_to_be_let_go_when_a_stop_latched_is_still_said_to_be_held() {
+    let mut arm = Arm::default();
+    let held = HeldObject { scene_id: "s".to_owned(), object: 3, low_m: [-0.01; 3], high_m: [0.02; 3] };
+    let gripper = |seq, width_m, grasps| RobotCommand {
+        gripper: Some(GripperCommand { width_m, force_n: 30.0 }),
+        task: Some(Task { id: "t1".to_owned(), open: true, grasps }),
+        ..task_command(seq, 1, true)
+    };
+    arm.command(&gripper(1, 0.0, Some(held.clone())), 0.0).expect("taken");
+    arm.set_grips(true, 0.1);
+    arm.command(&gripper(2, 0.08, None), 0.2).expect("taken");
+    arm.emergency_stop(&EmergencyStop::read(b"e1"));
+    assert_eq!((arm.take_gripper(), arm.held()), (None, Some(&held)));
+    // A hand that had begun says that it holds nothing while it opens, and that it does once it has left that off.
+    arm.set_grips(false, 0.3);
+    arm.set_grips(true, 0.4);
+    assert_eq!((arm.held(), arm.is_to_grasp()), (Some(&held), false));
 }
 
 #[test]

@@ -1,0 +1,59 @@
+//! A plan that another worker made is executed with its scene, which perception has.
+
+mod common;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use async_trait::async_trait;
+use common::{NOW_NS, plan};
+use repose_motion::{MotionConfig, run, synthetic};
+use repose_proto::motion::{MotionPlan, MotionPlanRequest};
+use repose_proto::perception::SceneRequest;
+use repose_proto::{CallError, ErrorCode, Payload, RigidTransform, Scene, Service};
+use repose_runtime::{Call, CallOptions, Handler, Session, Shutdown};
+
+/// A perception that has one scene.
+struct OneScene {
+    scene: Scene,
+    asked: AtomicUsize,
+}
+
+#[async_trait]
+impl Handler for OneScene {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        self.asked.fetch_add(1, Ordering::AcqRel);
+        let request: SceneRequest = call.payload.decode_json()?;
+        if request.scene_id != self.scene.id() {
+            return Err(CallError::not_found("scene_id", "it is not here"));
+        }
+        request.answer(&Payload::bulk(Scene::SCHEMA, &self.scene.to_bulk())?)
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_scene_of_a_plan_that_another_worker_made_is_asked_of_perception() {
+    let (session, shutdown) = (Session::embedded().await.unwrap(), Shutdown::new());
+    let perception = Arc::new(OneScene { scene: synthetic::wire_scene(NOW_NS), asked: AtomicUsize::new(0) });
+    let perceiving = session.start(Service::Perception, perception.clone()).await.unwrap();
+    let moving = tokio::spawn(run(session.clone(), MotionConfig::default(), shutdown.clone()));
+    let caller = session.caller(Service::Motion).await.unwrap();
+    caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+    let call = async |method: &str, payload: Payload| {
+        let answer = caller.call(method, payload, CallOptions::at_most_once(Duration::from_secs(10))).await;
+        answer.map(|_| ()).unwrap_err()
+    };
+    // Once it asks perception for the scene of a request, it has seen that there is one.
+    let unknown = MotionPlanRequest::new("0".repeat(64), "panda".to_owned(), 1, vec![RigidTransform::IDENTITY], plan().start_joints_rad);
+    while perception.asked.load(Ordering::Acquire) == 0 {
+        assert_eq!(call("plan", Payload::json(&unknown).unwrap()).await.code, ErrorCode::NotFound);
+    }
+    // What the plan moves is not in its scene, as only who has that can tell.
+    let plan = MotionPlan { scene_id: perception.scene.id(), query: 77, ..plan() };
+    let refused = call("execute", Payload::json(&plan).unwrap()).await;
+    assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::NotFound, Some("query")), "{refused}");
+    perceiving.drain().await;
+    shutdown.trigger();
+    moving.await.unwrap().unwrap();
+}

@@ -1,0 +1,52 @@
+//! An execution over a link that loses the robot's states.
+
+mod common;
+
+use common::{Robot, plan, task};
+use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome};
+
+/// Cancels the first stream after its states have been lost for so long; the arm must not be sent back on its way.
+fn cancelled_after(silent_ms: u64) -> ExecuteReply {
+    let mut slow = plan();
+    slow.phases.iter_mut().flat_map(|phase| &mut phase.set_points).for_each(|point| point.t_ms *= 4.0);
+    let mut robot = Robot::new();
+    let (mut execution, mut steps) = Execution::begin(slow, task(), &robot.state, 0, ExecutionSettings::default()).unwrap();
+    let mut silent_since = None;
+    for now_ms in (0..20_000).step_by(10) {
+        let before_rad = robot.state.q_rad[0];
+        robot.advance();
+        assert!(robot.state.q_rad[0] >= before_rad, "back from {before_rad} to {} after {silent_ms} ms", robot.state.q_rad[0]);
+        if robot.state.stream_ms.is_some_and(|followed_ms| followed_ms >= 1000.0) {
+            let since_ms = *silent_since.get_or_insert(now_ms);
+            if now_ms == since_ms + silent_ms {
+                steps.extend(execution.cancel("cancelled", now_ms));
+            }
+        }
+        if silent_since.is_none_or(|since_ms| now_ms >= since_ms + silent_ms) {
+            steps.extend(execution.on_state(&robot.state, now_ms));
+        }
+        if now_ms % 50 == 0 {
+            steps.extend(execution.on_tick(now_ms));
+        }
+        for step in steps.drain(..) {
+            match step {
+                ExecutionAction::Send(command) => robot.take(&command),
+                ExecutionAction::Progress(_) => {}
+                ExecutionAction::Done(reply) => return reply,
+            }
+        }
+    }
+    panic!("the execution never ended");
+}
+
+#[test]
+fn an_arm_that_went_on_while_its_states_were_lost_comes_to_rest_ahead_of_where_it_is() {
+    for silent_ms in [0, 300, 700] {
+        let reply = cancelled_after(silent_ms);
+        assert_eq!((reply.outcome, reply.reason.as_deref()), (ExecutionOutcome::Stopped, Some("cancelled")), "{silent_ms} ms");
+        // It goes 0.025 rad/s, and 0.25 s further from where it is.
+        let farthest_rad = 0.025 * (1.4 + 1e-3 * silent_ms as f64);
+        assert!(reply.joints_rad[0] <= farthest_rad, "{} of {farthest_rad} after {silent_ms} ms", reply.joints_rad[0]);
+    }
+}
