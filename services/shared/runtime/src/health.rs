@@ -25,7 +25,7 @@ pub const METRICS: [(&str, &str); 22] = [
     ("repose_queue_waiting", "Jobs that wait"),
     ("repose_calls_running", "Calls being computed"),
     ("repose_draining", "1 while a worker takes no new calls"),
-    ("repose_worker_info", "1; its labels say weights, kernel and version"),
+    ("repose_worker_info", "1, and 0 of weights that were replaced; its labels say weights, kernel and version"),
     ("repose_messages_dropped_total", "Messages that were dropped because nobody took them in time"),
     ("repose_journal_dropped_total", "Copies of calls that a recorder did not get, because they were not taken in time"),
     ("repose_links", "Links to other processes: a router's sessions"),

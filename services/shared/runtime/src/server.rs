@@ -2,6 +2,7 @@
 
 mod answerer;
 mod calls;
+mod load_metrics;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -13,6 +14,7 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use self::load_metrics::LoadMetrics;
 use crate::RuntimeError;
 use crate::call::Handler;
 use crate::call_key::CallKey;
@@ -188,6 +190,7 @@ async fn take_cancels(shared: Arc<Shared>, mut cancels: Subscription) {
 async fn report_load(shared: Arc<Shared>) {
     let key = shared.cell.load(shared.service, &shared.worker);
     let period = Duration::from_millis(shared.config.load_period_ms);
+    let mut metrics = LoadMetrics::of(shared.service, &shared.worker);
     for seq in 1.. {
         shared.loads_told.store(seq, Ordering::Release);
         let mut load: WorkerLoad = shared.handler.load();
@@ -207,7 +210,7 @@ async fn report_load(shared: Arc<Shared>) {
         if load.service_ms == 0.0 {
             load.service_ms = shared.gauge.service_ms();
         }
-        gauges(&shared, &load);
+        metrics.tell(&load);
         match Payload::json(&load) {
             Ok(payload) => {
                 if let Err(error) = shared.transport.put(&key, payload, Traffic::Load).await {
@@ -219,19 +222,4 @@ async fn report_load(shared: Arc<Shared>) {
         // Early when there is news; the next one comes a whole period later.
         drop(tokio::time::timeout(period, shared.load_changed.notified()).await);
     }
-}
-
-/// The load as metrics.
-fn gauges(shared: &Shared, load: &WorkerLoad) {
-    let (service, worker) = (shared.service.as_str(), shared.worker.as_str());
-    let labels = [("service", service.to_owned()), ("worker", worker.to_owned())];
-    metrics::gauge!("repose_queue_waiting", &labels).set(load.queue_depth as f64);
-    metrics::gauge!("repose_calls_running", &labels).set(load.in_flight as f64);
-    metrics::gauge!("repose_draining", &labels).set(f64::from(u8::from(load.draining)));
-    let (weights, kernel) = (load.weights_hash.clone(), load.kernel.clone());
-    let version = env!("CARGO_PKG_VERSION");
-    metrics::gauge!(
-        "repose_worker_info", "service" => service, "worker" => worker.to_owned(), "weights" => weights, "kernel" => kernel, "version" => version
-    )
-    .set(1.0);
 }
