@@ -111,10 +111,11 @@ impl Shared {
         CallError::new(ErrorCode::ResourceExhausted, message).retry_after(self.retry_after_ms())
     }
 
+    /// When half of the open calls have ended, milliseconds. The time of a call is what it is open for, waiting and all: those that are open are half
+    /// done in the mean, however many are served at once.
     fn retry_after_ms(&self) -> u64 {
-        let load = self.handler.load();
-        let service_ms = if load.service_ms > 0.0 { load.service_ms } else { self.gauge.service_ms() };
-        (service_ms * self.config.max_open_calls as f64 / 2.0).clamp(1.0, 10_000.0) as u64
+        let call_ms = self.gauge.service_ms().max(self.handler.load().service_ms);
+        (call_ms / 2.0).clamp(1.0, 10_000.0) as u64
     }
 }
 
@@ -154,7 +155,10 @@ async fn compute(shared: Arc<Shared>, admitted: Admitted, mut answerer: Answerer
     let method = call.method.clone();
     let task = tokio::spawn(async move { handler.call(call).await }.instrument(span.clone()));
     let mut outcome = supervise(&shared, task, deadline, &cancelled, &mut progressed, &mut answerer).await;
-    shared.gauge.finished(1, started.elapsed());
+    match &outcome {
+        Err(error) if error.code == ErrorCode::ResourceExhausted => shared.gauge.refused(1),
+        _ => shared.gauge.finished(1, started.elapsed()),
+    }
     while let Some(payload) = progressed.try_recv() {
         answerer.progress(payload).await;
     }
@@ -255,6 +259,38 @@ mod tests {
         async fn call(&self, _call: Call) -> CallResult {
             std::future::pending().await
         }
+    }
+
+    /// Takes a second for every call.
+    struct Slow;
+
+    #[async_trait]
+    impl Handler for Slow {
+        async fn call(&self, call: Call) -> CallResult {
+            tokio::time::sleep(Duration::from_secs(1)).await;
+            Ok(call.payload)
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_finds_no_place_comes_back_when_half_of_the_open_calls_have_ended_however_many_are_served_at_once() {
+        let network = FakeNetwork::new(FakeSettings::default());
+        let mut config = RuntimeConfig::default();
+        config.worker.max_open_calls = 8;
+        let session = |node: &str| Session::over(network.node(node), config.clone()).unwrap();
+        let _server = session("worker").start(Service::Inference, Arc::new(Slow)).await.unwrap();
+        let caller = session("caller").caller(Service::Inference).await.unwrap();
+        caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+        let call = || caller.call("models", Payload::json(&ModelsRequest {}).unwrap(), CallOptions::within(Duration::from_secs(10)));
+        call().await.unwrap();
+        let open = futures::future::join_all((0..8).map(|_| call()));
+        let refused = async {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            call().await.unwrap_err().retry_after_ms
+        };
+        let (open, refused) = tokio::join!(open, refused);
+        assert!(open.iter().all(Result::is_ok));
+        assert!(refused.is_some_and(|ms| (450..=550).contains(&ms)), "{refused:?}");
     }
 
     /// Calls a worker with a single place twice.
