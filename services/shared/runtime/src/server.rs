@@ -21,7 +21,7 @@ use crate::call_key::CallKey;
 use crate::config::WorkerConfig;
 use crate::gauge::LoadGauge;
 use crate::journal::{COPIES_WAIT, Journal};
-use crate::namesakes;
+use crate::namesakes::{self, NAMESAKE_CAPACITY};
 use crate::registry::Registry;
 use crate::robots::now_ns;
 use crate::tally::Tally;
@@ -29,8 +29,6 @@ use crate::transport::{Guard, IncomingQueries, Subscription, Traffic, Transport}
 
 /// Calls that may wait to be looked at; looking takes microseconds.
 const INCOMING_CAPACITY: usize = 1024;
-/// Loads under this worker's name that may wait to be looked at.
-const NAMESAKE_CAPACITY: usize = 8;
 /// Cancels that may wait to be looked at.
 const CANCEL_CAPACITY: usize = 4096;
 
@@ -76,7 +74,7 @@ impl Server {
         let worker = config.name.clone().unwrap_or_else(made_up_name);
         keys::validate_chunk("name", &worker).map_err(|e| RuntimeError::transport("naming the worker", e))?;
         if config.name.is_some() {
-            namesakes::wait_until_free(transport.as_ref(), &cell, service, &worker, Duration::from_millis(config.name_wait_ms)).await?;
+            namesakes::wait_until_free(transport.as_ref(), &cell, service, &worker, &config).await?;
         }
         let queries = transport.serve(&cell.call(service, &worker), INCOMING_CAPACITY).await?;
         let operations = match service.has_operations() {
