@@ -222,9 +222,8 @@ fn displaced(expected: &[Point3<f64>], seen: &[Point3<f64>], picture: Option<&De
     if !is_there {
         return apart(&was, &is);
     }
-    // Most of something large is still where it was to be when it is pushed.
-    let pushed = pushed_by(&open, seen);
-    if pushed.xy().norm() >= MOVED_M { apart(&Point3::origin(), &Point3::from(pushed)) } else { Fate::Stands }
+    // Most of something large is still where it was to be when it is pushed, and of something tall when it sinks.
+    apart(&Point3::origin(), &Point3::from(pushed_by(&open, seen)))
 }
 
 /// The points that nothing covers: what was read there tells of them.
@@ -386,6 +385,16 @@ mod tests {
         };
         assert_eq!(after(0.15), Fate::Stands);
         assert!(matches!(after(0.19), Fate::Moved { .. }), "{:?}", after(0.19));
+    }
+
+    #[test]
+    fn what_is_tall_has_fallen_when_it_sank_by_less_than_half_its_height() {
+        let upright = |bottom_m: f64| Block { label: 1, min: [-0.03, -0.18, bottom_m], max: [0.03, -0.12, bottom_m + 0.2] };
+        let below = Block { label: 0, min: [-0.03, -0.18, 0.0], max: [0.03, -0.12, 0.06] };
+        let mut followed = Followed::of(&scene_of(&[upright(0.06), below]));
+        followed.look_again(&scene_of(&[upright(0.0)]));
+        let told = fates(&followed, [1]);
+        assert!(matches!(told, [Fate::Fell { by_m }] if (by_m - 0.06).abs() < 0.01), "{told:?}");
     }
 
     #[test]
