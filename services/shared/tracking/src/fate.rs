@@ -11,7 +11,7 @@ use repose_proto::{CallError, GoalTerm, ObjectSummary, Scene};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::known::{Known, edges_of};
+use crate::known::{Known, SAME_SIZE_M, edges_of};
 use crate::picture::{DepthComparison, DepthPicture};
 
 /// Points of an object that are looked at.
@@ -24,8 +24,6 @@ const ENOUGH: usize = 12;
 const MOVED_M: f64 = 0.03;
 /// From here on it fell, metres.
 const FELL_M: f64 = 0.03;
-/// Edge lengths of one object in two views differ by at most this much, metres.
-const SAME_SIZE_M: f64 = 0.03;
 
 /// What became of an object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
