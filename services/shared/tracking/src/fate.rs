@@ -50,7 +50,7 @@ pub enum Fate {
 /// The objects of a first view, followed from view to view.
 ///
 /// What became of them counts from when something was last [carried out](Self::carried), over all looks since: one that was moved stays told
-/// when it stands, or is hidden, in the next look.
+/// when it stands, or is hidden, in the next look. Of one that was never told it counts from the first view.
 pub struct Followed {
     known: Known,
     /// By the id of the first view.
@@ -104,8 +104,8 @@ impl Followed {
         self.objects.iter().map(|(id, object)| (*id, object.fate)).filter(|(_, fate)| *fate != Fate::Stands).collect()
     }
 
-    /// Something was carried out: an object (first view's id; none where that did not have it) is to be where a motion put it, and every other
-    /// where it was seen last.
+    /// Something was carried out: an object (first view's id; none where that did not have it) is to be where a motion put it, and every other that
+    /// was told as disturbed where it was seen last. The rest is to be where it was: shifts that are each too small to be told add up until they are.
     pub fn carried(&mut self, id: Option<u16>, placed_from_observed: &Isometry3<f64>) {
         for object in self.objects.values_mut().filter(|object| object.fate != Fate::Stands) {
             object.expected.clone_from(&object.seen);
