@@ -230,7 +230,8 @@ impl Status<'_> {
             *weights.entry(load.newest.weights_hash.as_str()).or_default() += 1;
         }
         if weights.len() > 1 {
-            let counts: Vec<String> = weights.iter().map(|(hash, count)| format!("{} by {count}", &hash[..hash.len().min(12)])).collect();
+            let short = |hash: &str| hash.chars().take(12).collect::<String>();
+            let counts: Vec<String> = weights.iter().map(|(hash, count)| format!("{} by {count}", short(hash))).collect();
             wrong.push(format!("inference workers serve different weights: {}", counts.join(", ")));
         }
         if self.is_user && heard.workers.is_empty() && heard.cameras.is_empty() && heard.robots.is_empty() {
