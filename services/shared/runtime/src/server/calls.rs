@@ -154,12 +154,14 @@ async fn compute(shared: Arc<Shared>, admitted: Admitted, mut answerer: Answerer
     let handler = shared.handler.clone();
     let method = call.method.clone();
     let task = tokio::spawn(async move { handler.call(call).await }.instrument(span.clone()));
-    let mut outcome = supervise(&shared, task, deadline, &cancelled, &mut progressed, &mut answerer).await;
+    let grace = Duration::from_millis(shared.config.cancel_grace_ms);
+    let mut outcome = supervise(task, (deadline, grace), &cancelled, &mut progressed, &mut answerer).await;
     match &outcome {
         Err(error) if error.code == ErrorCode::ResourceExhausted => shared.gauge.refused(1),
         _ => shared.gauge.finished(1, started.elapsed()),
     }
-    while let Some(payload) = progressed.try_recv() {
+    // No more than wait now: one whose deadline has passed may still be telling.
+    for payload in std::iter::from_fn(|| progressed.try_recv()).take(PROGRESS_CAPACITY) {
         answerer.progress(payload).await;
     }
     {
@@ -188,16 +190,14 @@ fn span_of(shared: &Shared, call: &CallAttachment, cell: &ForCell) -> tracing::S
     span
 }
 
-/// Waits for the handler, for its deadline and for a cancel, and forwards progress meanwhile.
+/// Waits for the handler, for its deadline and for the end of its grace after a cancel, and forwards progress meanwhile.
 async fn supervise(
-    shared: &Shared,
     mut task: tokio::task::JoinHandle<CallResult>,
-    deadline: Instant,
+    (deadline, grace): (Instant, Duration),
     cancelled: &CancellationToken,
     progressed: &mut MailboxReceiver<Payload>,
     answerer: &mut Answerer,
 ) -> CallResult {
-    let grace = Duration::from_millis(shared.config.cancel_grace_ms);
     let mut give_up: Option<Instant> = None;
     loop {
         let end = give_up.unwrap_or(deadline).min(deadline);
@@ -209,7 +209,6 @@ async fn supervise(
                     Err(CallError::internal("the handler panicked"))
                 });
             }
-            Some(payload) = progressed.recv() => answerer.progress(payload).await,
             () = cancelled.cancelled(), if give_up.is_none() => give_up = Some(Instant::now() + grace),
             () = tokio::time::sleep_until(end) => {
                 cancelled.cancel();
@@ -225,6 +224,8 @@ async fn supervise(
                 abort.abort();
                 return Err(given_up());
             }
+            // Last: there may always be some where it comes faster than it can be sent.
+            Some(payload) = progressed.recv() => answerer.progress(payload).await,
         }
     }
 }
@@ -243,13 +244,16 @@ async fn join(mut outcome: watch::Receiver<Option<CallResult>>, deadline: Instan
 #[cfg(test)]
 mod tests {
     use async_trait::async_trait;
+    use bytes::Bytes;
     use metrics_exporter_prometheus::PrometheusBuilder;
     use repose_proto::Service;
     use repose_proto::scoring::ModelsRequest;
 
     use super::*;
     use crate::fake::{FakeNetwork, FakeSettings};
-    use crate::{CallOptions, Handler, RuntimeConfig, Session};
+    use crate::mailbox::MailboxSender;
+    use crate::transport::Replier;
+    use crate::{CallOptions, Handler, RuntimeConfig, RuntimeError, Session};
 
     /// Takes a call, and never ends it.
     struct Endless;
@@ -258,6 +262,50 @@ mod tests {
     impl Handler for Endless {
         async fn call(&self, _call: Call) -> CallResult {
             std::future::pending().await
+        }
+    }
+
+    /// A way back on which every message takes a while.
+    struct SlowWay;
+
+    #[async_trait]
+    impl Replier for SlowWay {
+        async fn reply(&self, _: Payload, _: Bytes) -> Result<(), RuntimeError> {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+            Ok(())
+        }
+    }
+
+    async fn telling(progress: MailboxSender<Payload>) -> CallResult {
+        loop {
+            progress.push(Payload::json(&ModelsRequest {})?);
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_call_that_tells_more_than_its_caller_takes_ends_at_its_deadline_and_with_its_cancel() {
+        for is_cancelled in [false, true] {
+            let (progress, mut progressed) = mailbox(PROGRESS_CAPACITY);
+            let attachment = ReplyAttachment {
+                v: limits::VERSION,
+                id: "a".to_owned(),
+                kind: ReplyKind::Progress,
+                n: None,
+                worker: None,
+                attempt: None,
+                timing_ms: BTreeMap::new(),
+            };
+            let mut answerer = Answerer { replier: Box::new(SlowWay), attachment, journal: None };
+            let (deadline, cancelled) = (Instant::now() + Duration::from_secs(5), CancellationToken::new());
+            if is_cancelled {
+                cancelled.cancel();
+            }
+            let bounds = (deadline, Duration::from_secs(1));
+            let supervised = supervise(tokio::spawn(telling(progress)), bounds, &cancelled, &mut progressed, &mut answerer);
+            let ended = tokio::time::timeout(Duration::from_secs(20), supervised).await.expect("an end");
+            let code = if is_cancelled { ErrorCode::Cancelled } else { ErrorCode::DeadlineExceeded };
+            assert_eq!(ended.map_err(|error| error.code), Err(code));
         }
     }
 
