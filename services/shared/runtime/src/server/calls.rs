@@ -20,7 +20,7 @@ use crate::call::Call;
 use crate::call_key::CallKey;
 use crate::cancel::given_up;
 use crate::mailbox::{MailboxReceiver, mailbox};
-use crate::registry::{Admission, CallResult, MAX_JOINED};
+use crate::registry::{Admission, CallResult, Fingerprint, MAX_JOINED};
 use crate::shares::ForCell;
 use crate::stages::Stages;
 use crate::transport::IncomingQuery;
@@ -70,7 +70,8 @@ pub(super) async fn answer(shared: Arc<Shared>, query: IncomingQuery, call_key: 
         Ok(cell) => cell,
         Err(error) => return answerer.finish(Err(error), BTreeMap::new()).await,
     };
-    let admission = shared.registry().admit(&call, &cell, &payload);
+    let fingerprint = Fingerprint::of(&call.method, &payload);
+    let admission = shared.registry().admit(&call, &cell, fingerprint);
     let error = match admission {
         Admission::Compute { cancelled } => {
             let admitted = Admitted { attachment: call, cell, payload, deadline, cancelled };
