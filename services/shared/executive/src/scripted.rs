@@ -11,7 +11,7 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, Phase, RecoverReply};
 use repose_proto::place::Placement;
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, GoalTerm, Payload, PlaceResult, Relation, RigidTransform, Scene, SceneSummary, Service};
+use repose_proto::{CallError, ErrorCode, GoalTerm, Payload, PlaceResult, Relation, RigidTransform, Scene, SceneSummary, Service};
 use repose_runtime::{Answer, Call, Caller, Handler, LoadGauge, Server, Session, load_of};
 use serde_json::json;
 
@@ -27,6 +27,8 @@ pub(crate) struct Script {
     pub(crate) home: Mutex<Option<Scene>>,
     /// By how much a place is away from where its object stands, metres; without it there is none.
     pub(crate) place: Option<[f64; 3]>,
+    /// Whether the planner is too busy to find any.
+    pub(crate) is_busy: bool,
     pub(crate) plans: Mutex<VecDeque<ArrangeResult>>,
     pub(crate) outcomes: Mutex<VecDeque<ExecutionOutcome>>,
     /// The objects that the robot has moved.
@@ -69,6 +71,7 @@ impl Handler for Worker {
                 let planned = self.0.plans.lock().expect("plans").pop_front();
                 Payload::json(&planned.ok_or_else(|| CallError::internal("nothing more is planned"))?)
             }
+            "place" if self.0.is_busy => Err(CallError::new(ErrorCode::ResourceExhausted, "others come first")),
             "place" => Payload::json(&self.0.placed()),
             "plan" => Payload::json(&self.0.plan(&call.payload.decode_json()?)?),
             _ => Err(call.unknown_method()),

@@ -400,7 +400,15 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             seed: self.request.seed.wrapping_add(self.steps.len() as u64),
             ..PlaceRequest::new(self.view.0.clone(), planned.object, planned.goal.clone())
         };
-        let others = self.site.placed(&request, &self.view).await?.placements;
+        let others = match self.site.placed(&request, &self.view).await {
+            Ok(others) => others.placements,
+            // A planner that is too busy to say where else it could go takes nothing from the place that is planned.
+            Err(error) if is_first => {
+                tracing::warn!(object = planned.object, %error, "there is the planned place only");
+                Vec::new()
+            }
+            Err(error) => return Err(error),
+        };
         let own = is_first.then(|| planned.placement.clone());
         Ok((request, own.into_iter().chain(others).collect()))
     }

@@ -89,3 +89,17 @@ async fn a_hidden_goal_is_not_remembered_once_a_move_of_what_it_is_about_was_sto
     assert_eq!((report.ended, moved), (ArrangementEnd::Stopped, vec![3, 1]), "{:?}", report.why);
     assert_eq!((report.remembered, report.achieved), (BTreeSet::new(), 0));
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_planner_that_is_too_busy_for_other_places_does_not_end_what_is_planned() {
+    let beside = (1, [0.7, 0.0, 0.0], term(Relation::RightOf, 2));
+    let script = Script {
+        views: Mutex::new([view(&[(1, [-0.4, 0.0]), (2, [-0.1, 0.0])]), view(&[(1, [0.3, 0.0]), (2, [-0.1, 0.0])])].into()),
+        plans: Mutex::new([plan(Found::Found, &[beside]), plan(Found::Found, &[])].into()),
+        outcomes: Mutex::new([ExecutionOutcome::Done].into()),
+        is_busy: true,
+        ..Script::default()
+    };
+    let (report, moved) = brought_about(script, vec![goal(1, Relation::RightOf, 2)]).await;
+    assert_eq!((report.ended, moved, report.achieved), (ArrangementEnd::Achieved, vec![1], 1), "{:?}", report.why);
+}
