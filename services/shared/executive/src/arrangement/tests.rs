@@ -103,3 +103,16 @@ async fn a_planner_that_is_too_busy_for_other_places_does_not_end_what_is_planne
     let (report, moved) = brought_about(script, vec![goal(1, Relation::RightOf, 2)]).await;
     assert_eq!((report.ended, moved, report.achieved), (ArrangementEnd::Achieved, vec![1], 1), "{:?}", report.why);
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_goal_is_not_said_to_hold_once_a_move_of_what_it_is_about_was_stopped() {
+    let script = Script {
+        views: Mutex::new([view(&[(1, [0.3, 0.0]), (2, [-0.1, 0.0])])].into()),
+        plans: Mutex::new([plan(Found::Found, &[(1, [0.1, 0.1, 0.0], term(Relation::RightOf, 2))])].into()),
+        outcomes: Mutex::new([ExecutionOutcome::Stopped].into()),
+        ..Script::default()
+    };
+    let (report, moved) = brought_about(script, vec![goal(1, Relation::RightOf, 2)]).await;
+    assert_eq!((report.ended, moved, report.achieved), (ArrangementEnd::Stopped, vec![1], 0), "{:?}", report.why);
+    assert_eq!(report.holds, BTreeMap::from([(1, None)]));
+}
