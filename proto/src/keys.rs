@@ -265,6 +265,11 @@ pub fn of_live(key: &str) -> Option<(&str, Service, &str)> {
     Some((cell, Service::parse(service).filter(|_| live == "live")?, worker))
 }
 
+/// The cell that a key is in.
+pub fn cell_of(key: &str) -> Option<&str> {
+    key.strip_prefix("repose/v1/")?.split('/').next()
+}
+
 /// Service and worker of a `load` key.
 pub fn of_load(key: &str) -> Option<(Service, &str)> {
     of_worker(key, "load")
@@ -301,6 +306,7 @@ mod tests {
         assert_eq!(cell.name(), "lab");
         assert_eq!(of_live(&cell.live(Service::Planner, "p-1")), Some(("lab", Service::Planner, "p-1")));
         assert_eq!(of_load(&cell.load(Service::Motion, "m-1")), Some((Service::Motion, "m-1")));
+        assert_eq!((cell_of(&cell.load(Service::Motion, "m-1")), cell_of("other/v1/lab/live")), (Some("lab"), None));
         assert_eq!(of_journal(&cell.journal(Service::Planner, "p-1")), Some((Service::Planner, "p-1")));
         assert_eq!(last_chunk(&cell.call_for(Service::Planner, "p-1", "line-1")), "line-1");
         assert_eq!(worker_of(&cell.robot_state("panda")), Some("panda"));

@@ -79,6 +79,29 @@ impl CameraHeard {
     }
 }
 
+/// A worker as a survey knows it: a cell and its pool may each have one of a name.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct WorkerName {
+    /// Its service.
+    pub service: Service,
+    /// The cell that it is in.
+    pub cell: String,
+    /// Its name there.
+    pub worker: String,
+}
+
+impl WorkerName {
+    fn new(cell: &str, service: Service, worker: &str) -> Self {
+        Self { service, cell: cell.to_owned(), worker: worker.to_owned() }
+    }
+
+    /// The name of one whose load is told under a key.
+    fn of_load(key: &str) -> Option<Self> {
+        let (service, worker) = keys::of_load(key)?;
+        Some(Self::new(keys::cell_of(key)?, service, worker))
+    }
+}
+
 /// Listens to the workers, cameras and robots of a cell.
 pub struct CellListener {
     session: Session,
@@ -95,7 +118,7 @@ pub struct CellSurvey {
     /// Cells that have a worker.
     pub cells: BTreeSet<String>,
     /// Workers alive in the session's cell, and those of its pool that serve it, with their newest load where one was heard.
-    pub workers: BTreeMap<(Service, String), Option<Received<WorkerLoad>>>,
+    pub workers: BTreeMap<WorkerName, Option<Received<WorkerLoad>>>,
     /// Cameras whose scenes were heard, or whose frames a perception worker says that it receives.
     pub cameras: BTreeMap<String, CameraHeard>,
     /// Robots whose states were heard.
@@ -127,7 +150,7 @@ impl CellListener {
         heard.cameras.values_mut().filter_map(|camera| camera.scenes.as_mut()).for_each(|scenes| scenes.count = 0);
         heard.cameras.values_mut().filter_map(|camera| camera.told.as_mut()).for_each(|told| told.count = 0);
         heard.robots.values_mut().for_each(|robot| robot.count = 0);
-        let mut loads: BTreeMap<(Service, String), Received<WorkerLoad>> = BTreeMap::new();
+        let mut loads: BTreeMap<WorkerName, Received<WorkerLoad>> = BTreeMap::new();
         let until = tokio::time::sleep(within);
         tokio::pin!(until);
         loop {
@@ -136,12 +159,12 @@ impl CellListener {
                 () = &mut until => break,
                 sample = next_of(&mut self.loads) => {
                     let sample = sample.ok_or_else(closed)?;
-                    if let (Some((service, worker)), Ok(load)) = (keys::of_load(&sample.key), sample.payload.decode_json::<WorkerLoad>()) {
+                    if let (Some(worker), Ok(load)) = (WorkerName::of_load(&sample.key), sample.payload.decode_json::<WorkerLoad>()) {
                         for camera in &load.cameras {
                             hear_of(&mut heard.cameras.entry(camera.camera.clone()).or_default().told, camera.clone(), None);
                         }
                         let stamp_ns = load.stamp_ns;
-                        hear(&mut loads, (service, worker.to_owned()), load, stamp_ns);
+                        hear(&mut loads, worker, load, stamp_ns);
                     }
                 }
                 sample = self.scenes.recv() => {
@@ -166,7 +189,7 @@ impl CellListener {
         let (own, pool) = (self.session.cell().name(), self.session.pool());
         let serves = |cell: &str, service: Service| cell == own || (pool == Some(cell) && service.is_poolable());
         let serving = alive.into_iter().filter(|(cell, service, _)| serves(cell, *service));
-        let workers = serving.map(|(_, service, worker)| (service, worker.to_owned()));
+        let workers = serving.map(|(cell, service, worker)| WorkerName::new(cell, service, worker));
         heard.workers = workers
             .map(|name| {
                 let load = loads.remove(&name).or_else(|| before.workers.get(&name).cloned().flatten());
@@ -209,4 +232,31 @@ pub async fn names(session: &Session) -> Result<CellSurvey, Failure> {
 pub fn listed<'a>(names: impl IntoIterator<Item = &'a String>) -> String {
     let names: Vec<&str> = names.into_iter().map(String::as_str).collect();
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::Payload;
+    use repose_runtime::{RuntimeConfig, Traffic};
+
+    use super::*;
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_cell_and_its_pool_may_each_have_a_worker_of_one_name() {
+        let mut config = RuntimeConfig::default();
+        config.caller.pool = Some("rack".to_owned());
+        let session = Session::open(config).await.expect("a session");
+        let mut listener = CellListener::new(&session).await.expect("it listens");
+        let mut alive = Vec::new();
+        for (waiting, cell) in [session.cell().clone(), Cell::new("rack").expect("a cell")].iter().enumerate() {
+            alive.push(session.transport().declare_alive(&cell.live(Service::Planner, "planner-1")).await.expect("a token"));
+            let load = Payload::json(&WorkerLoad { queue_depth: waiting, ..WorkerLoad::default() }).expect("encoded");
+            session.put(&cell.load(Service::Planner, "planner-1"), load, Traffic::Load).await.expect("put");
+        }
+        let heard = listener.listen(NAMES_WITHIN, &CellSurvey::default()).await.expect("heard");
+        let waiting =
+            |cell: &str| heard.workers[&WorkerName::new(cell, Service::Planner, "planner-1")].as_ref().map(|l| l.newest.queue_depth);
+        assert_eq!((heard.workers.len(), waiting("cell"), waiting("rack")), (2, Some(0), Some(1)));
+        drop(alive);
+    }
 }

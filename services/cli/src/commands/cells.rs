@@ -59,8 +59,8 @@ async fn names(session: &Session, cell: &str) -> Result<CellNames, Failure> {
     let mut observer = CellListener::new(&session.in_cell(cell)?).await?;
     let heard = observer.listen(WITHIN, &CellSurvey::default()).await?;
     let mut workers = BTreeMap::new();
-    for (service, _) in heard.workers.into_keys() {
-        *workers.entry(service).or_default() += 1;
+    for worker in heard.workers.into_keys() {
+        *workers.entry(worker.service).or_default() += 1;
     }
     let (cameras, robots) = (heard.cameras.into_keys().collect(), heard.robots.into_keys().collect());
     Ok(CellNames { cell: cell.to_owned(), cameras, robots, workers })

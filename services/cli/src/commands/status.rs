@@ -12,7 +12,7 @@ use repose_proto::robot::RobotState;
 use repose_runtime::{Session, Shutdown};
 use serde_json::{Value, json};
 
-use crate::cell_survey::{CameraHeard, CellListener, CellSurvey, Received, listed};
+use crate::cell_survey::{CameraHeard, CellListener, CellSurvey, Received, WorkerName, listed};
 use crate::client::{self, SystemArgs};
 use crate::clocks::{Clock, Source, wrong_with};
 use crate::failure::CommandResult;
@@ -104,10 +104,11 @@ struct Status<'a> {
 impl Status<'_> {
     fn document(&self) -> Value {
         let heard = self.heard;
-        let worker = |((service, worker), load): (&(Service, String), &Option<Received<WorkerLoad>>)| {
+        let worker = |(name, load): (&WorkerName, &Option<Received<WorkerLoad>>)| {
             let rates = load.as_ref().and_then(Rates::of);
             json!({
-                "service": service, "worker": worker, "silent_ms": load.as_ref().map(|l| l.at.elapsed().as_millis() as u64),
+                "service": name.service, "cell": name.cell, "worker": name.worker,
+                "silent_ms": load.as_ref().map(|l| l.at.elapsed().as_millis() as u64),
                 "calls_per_s": rates.map(|rates| rates.calls_per_s), "errors_per_s": rates.map(|rates| rates.errors_per_s),
                 "lag_ms": load.as_ref().and_then(|l| l.lag_ms), "load": load.as_ref().map(|l| &l.newest),
             })
@@ -165,8 +166,8 @@ impl Status<'_> {
     fn workers(&self) -> String {
         let mut table =
             table(["service", "worker", "version", "waiting", "running", "calls/s", "errors/s", "ms a call", "weights", "kernel", ""]);
-        for ((service, worker), load) in &self.heard.workers {
-            let mut cells = vec![service.to_string(), worker.clone()];
+        for (name, load) in &self.heard.workers {
+            let mut cells = vec![name.service.to_string(), self.worker(name)];
             let rates = load.as_ref().and_then(Rates::of);
             let rate = |of: fn(Rates) -> f64| rates.map_or_else(|| "?".to_owned(), |rates| format!("{:.1}", of(rates)));
             match load.as_ref().map(|heard| &heard.newest) {
@@ -188,16 +189,23 @@ impl Status<'_> {
         table.to_string()
     }
 
+    /// What a worker is called: one of the pool with where it is.
+    fn worker(&self, name: &WorkerName) -> String {
+        let WorkerName { cell, worker, .. } = name;
+        if cell == self.cell { worker.clone() } else { format!("{worker} of {cell}") }
+    }
+
     /// What is wrong now, a sentence each.
     fn wrong(&self) -> Vec<String> {
         let heard = self.heard;
-        let alive = |service: Service| heard.workers.iter().filter(move |((of, _), _)| *of == service);
+        let alive = |service: Service| heard.workers.iter().filter(move |(name, _)| name.service == service);
         let mut wrong: Vec<String> = [Service::Perception, Service::Inference, Service::Planner, Service::Motion]
             .into_iter()
             .filter(|service| alive(*service).next().is_none())
             .map(|service| format!("no {service} worker is alive"))
             .collect();
-        for ((service, worker), load) in &heard.workers {
+        for (name, load) in &heard.workers {
+            let (service, worker) = (name.service, self.worker(name));
             match load {
                 Some(load) if load.at.elapsed() > SILENT => {
                     wrong.push(format!("{service} {worker} told its load {} and is taken for suspect", ago(load.at.elapsed())));
@@ -254,8 +262,8 @@ impl Status<'_> {
         let clock = |of, lag_ms: Option<f64>| lag_ms.map(|lag_ms| Clock { of, lag_ms });
         let robots = heard.robots.iter().map(|(name, robot)| clock(Source::Robot(name.clone()), robot.lag_ms));
         let cameras = heard.cameras.iter().map(|(name, camera)| clock(Source::Camera(name.clone()), camera.lag_ms()));
-        let workers = heard.workers.iter().map(|((service, worker), load)| {
-            clock(Source::Worker(format!("{service} {worker}")), load.as_ref().and_then(|load| load.lag_ms))
+        let workers = heard.workers.iter().map(|(name, load)| {
+            clock(Source::Worker(format!("{} {}", name.service, self.worker(name))), load.as_ref().and_then(|load| load.lag_ms))
         });
         robots.chain(cameras).chain(workers).flatten().collect()
     }

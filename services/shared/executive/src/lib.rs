@@ -7,6 +7,8 @@
 pub mod arrangement;
 mod attended;
 mod memory;
+#[cfg(test)]
+mod scripted;
 pub mod sequence;
 mod site;
 mod tried;

@@ -57,7 +57,7 @@ impl GoalMemory {
 }
 
 /// The objects that a goal is about.
-fn about(goal: &ObjectGoal) -> impl Iterator<Item = u16> + '_ {
+pub(crate) fn about(goal: &ObjectGoal) -> impl Iterator<Item = u16> + '_ {
     std::iter::once(goal.object).chain(goal.terms.iter().map(|term| term.anchor))
 }
 

@@ -173,10 +173,12 @@ impl<S: Site> Sequence<S> {
                 return carried_out;
             }
             match self.asked_again(&asked, (k, goal), step).await {
-                Ok((request, result)) => {
+                Ok(Some((request, result))) => {
                     asked = request;
                     step.begin_again(result, &self.view);
                 }
+                // Nothing is left to do.
+                Ok(None) => return carried_out,
                 // What is in the way of another attempt is said beside what came of this one.
                 Err(why) => {
                     let before = step.last.tried.reason.take().map_or_else(String::new, |reason| format!("{reason}; "));
@@ -187,22 +189,26 @@ impl<S: Site> Sequence<S> {
         }
     }
 
-    /// The same request on a fresh view, with other draws, and its answer. Where the arm has moved it is brought home first.
+    /// The same request on a fresh view, with other draws, and its answer. Where the arm has moved it is brought home first; none where the goal is seen to
+    /// hold then: what it is about was behind the arm.
     async fn asked_again(
         &mut self,
         asked: &PlaceRequest,
         (k, goal): (usize, &PlaceRequest),
         step: &mut GoalStep,
-    ) -> Result<(PlaceRequest, PlaceResult), CallError> {
+    ) -> Result<Option<(PlaceRequest, PlaceResult)>, CallError> {
         if step.last.tried.execution.is_some() {
             self.view = self.site.back_and_looking().await?;
             self.followed.look_for_lost(goal.query, &self.view.1);
             // The arm is in nobody's way any more.
-            step.last.tried.fates = Some(self.followed.disturbed());
+            self.judge((k, goal), step);
+            if step.achieved() {
+                return Ok(None);
+            }
         }
         let request = PlaceRequest { seed: asked.seed.wrapping_add(1), ..self.translated(k, goal)? };
         let result = self.site.placed(&request, &self.view).await?;
-        Ok((request, result))
+        Ok(Some((request, result)))
     }
 
     /// Has a placement carried out, and looks at what has become of the goal; `step` says how far it came.
@@ -220,14 +226,20 @@ impl<S: Site> Sequence<S> {
         self.followed.carried(Some(goal.query), &moved);
         self.view = self.site.fresh_view().await?;
         self.followed.look_again(&self.view.1);
-        step.last.tried.fates = Some(self.followed.disturbed());
-        if step.last.tried.execution == Some(ExecutionOutcome::Done) {
-            match self.followed.translated(&format!("step[{k}]"), goal.query, &goal.goal) {
-                Ok((query, terms)) => step.last.holds = holds(&self.view.1, step.result.view_yaw_rad, query, &terms),
-                Err(unseen) => step.last.tried.reason = Some(format!("whether it holds cannot be seen: {}", unseen.message)),
-            }
-        }
+        self.judge((k, goal), step);
         Ok(())
+    }
+
+    /// Notes on a step what the newest view shows of the objects, and of the goal where the placement was carried out.
+    fn judge(&self, (k, goal): (usize, &PlaceRequest), step: &mut GoalStep) {
+        step.last.tried.fates = Some(self.followed.disturbed());
+        if step.last.tried.execution != Some(ExecutionOutcome::Done) {
+            return;
+        }
+        (step.last.holds, step.last.tried.reason) = match self.followed.translated(&format!("step[{k}]"), goal.query, &goal.goal) {
+            Ok((query, terms)) => (holds(&self.view.1, step.result.view_yaw_rad, query, &terms), None),
+            Err(unseen) => (Vec::new(), Some(format!("whether it holds cannot be seen: {}", unseen.message))),
+        };
     }
 
     /// Whether another attempt makes sense and is nobody else's decision: nothing could be served and nothing has moved, or the object was not
@@ -242,5 +254,36 @@ impl<S: Site> Sequence<S> {
             Some(ExecutionOutcome::Stopped) | None => false,
         };
         failed && self.site.is_free().await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use repose_proto::Relation;
+    use repose_runtime::Session;
+
+    use super::*;
+    use crate::scripted::{Script, ScriptedCell, term, view};
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn what_the_arm_had_covered_is_looked_at_before_the_object_is_moved_again() {
+        let after = [(1, [-0.3, 0.0]), (2, [0.1, 0.0])];
+        let script = Script {
+            views: Mutex::new([view(&[(1, [-0.1, 0.2]), (2, [0.1, 0.0])]), view(&after[..1])].into()),
+            home: Mutex::new(Some(view(&after))),
+            place: Some([-0.2, -0.2, 0.0]),
+            outcomes: Mutex::new([ExecutionOutcome::Done].into()),
+            ..Script::default()
+        };
+        let session = Session::embedded().await.expect("a session");
+        let (site, _servers) = ScriptedCell::of(&session, script).await;
+        let script = site.script.clone();
+        let mut sequence = Sequence::begin(site, None, 3).await.expect("a view");
+        let goal = PlaceRequest::new("0".repeat(64), 1, vec![term(Relation::LeftOf, 2)]);
+        sequence.achieve(&[goal], |_| ()).await.expect("nothing more is to be moved");
+        assert!(sequence.steps[0].achieved(), "{:?}", sequence.steps[0].last);
+        assert_eq!(*script.moved.lock().expect("moved"), [1]);
     }
 }

@@ -60,7 +60,7 @@ pub trait Site: Send + Sync {
     fn begins(&self, _stage: MoveStage) {}
     /// Motion has planned.
     fn planned(&self, _plan: &MotionPlan) {}
-    /// Whether more is to be done: asked before every move.
+    /// Whether more is to be done: asked before every goal of a sequence, whose attempts belong together, and before every move of an arrangement.
     fn goes_on(&self) -> bool {
         true
     }

@@ -143,7 +143,8 @@ impl Default for CallerConfig {
 pub struct WorkerConfig {
     /// The worker's name, unique in its service; without one it is made up.
     pub name: Option<String>,
-    /// How long a worker with a name waits for that of a predecessor that has died to become free, milliseconds: a lease, and some more.
+    /// How long a worker with a name waits for that of a predecessor that has died to become free, milliseconds: a lease, and some more. For one that
+    /// drains it waits as long as that takes.
     pub name_wait_ms: u64,
     /// Calls that may be open at once, waiting and computing; the next is refused at once. More than the service's queue and threads take together,
     /// or that queue is never full, where an interactive call takes a batch call's place. Higher: more memory.

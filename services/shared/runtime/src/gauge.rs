@@ -62,6 +62,11 @@ impl LoadGauge {
         }
     }
 
+    /// Counts `jobs` as over that were refused after all: how long that took says nothing of those that are served.
+    pub(crate) fn refused(&self, jobs: usize) {
+        self.running.fetch_sub(jobs, Ordering::Relaxed);
+    }
+
     /// When a refused job may be worth another try, milliseconds: once half of what is here is done by `threads`.
     pub fn retry_after_ms(&self, threads: usize) -> u64 {
         let jobs = (self.waiting() + self.running()) as f64;
@@ -94,6 +99,9 @@ mod tests {
         gauge.finished(1, Duration::from_millis(20));
         assert!((gauge.service_ms() - 12.0).abs() < 1e-9);
         assert!((gauge.spread_ms() - 10.0).abs() < 1e-9, "the second took 10 ms longer than the first");
+        gauge.started(1);
+        gauge.refused(1);
+        assert!((gauge.service_ms() - 12.0).abs() < 1e-9, "one that was refused took no time");
         assert_eq!(gauge.running(), 0);
     }
 }

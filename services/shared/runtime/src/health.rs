@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::sync::OnceLock;
+use std::time::Duration;
 
 use axum::Router;
 use axum::extract::State;
@@ -42,6 +43,9 @@ pub const METRICS: [(&str, &str); 22] = [
 const SECONDS: [f64; 14] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0];
 /// Bounds of the histogram of batch sizes.
 const JOBS: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
+/// How often the exporter counts what histograms were given. Until it does it keeps every value, and a process whose metrics nobody asks for would keep
+/// them all.
+const UPKEEP: Duration = Duration::from_secs(5);
 
 /// The process's metrics: one recorder, however many sessions it has.
 fn recorder() -> Result<PrometheusHandle, String> {
@@ -55,9 +59,19 @@ fn recorder() -> Result<PrometheusHandle, String> {
             // The exporter files helps by the name alone, whatever kind they are given for.
             metrics::describe_gauge!(name, help);
         }
+        let kept = recorder.clone();
+        std::thread::Builder::new().name("metrics".to_owned()).spawn(move || keep_up(&kept)).map_err(|e| e.to_string())?;
         Ok(recorder)
     };
     RECORDER.get_or_init(install).clone()
+}
+
+/// Counts what histograms were given, for as long as the process runs.
+fn keep_up(recorder: &PrometheusHandle) {
+    loop {
+        std::thread::sleep(UPKEEP);
+        recorder.run_upkeep();
+    }
 }
 
 /// Starts to count metrics in this process; what was counted before is lost, so this comes first. [`HealthServer::of`] serves them.
@@ -136,7 +150,6 @@ async fn ready(State(told): State<Told>) -> (StatusCode, &'static str) {
 
 async fn metrics_page(State(told): State<Told>) -> String {
     process_metrics();
-    told.metrics.run_upkeep();
     told.metrics.render()
 }
 

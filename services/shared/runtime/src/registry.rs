@@ -49,7 +49,7 @@ pub enum Admission {
 
 struct Entry {
     cell: ForCell,
-    fingerprint: u64,
+    fingerprint: Fingerprint,
     cancelled: CancellationToken,
     /// The caller asked for the cancel, rather than a drain or the deadline.
     by_caller: bool,
@@ -85,9 +85,9 @@ impl Registry {
         }
     }
 
-    /// Takes a call in, for a cell.
-    pub fn admit(&mut self, call: &CallAttachment, cell: &ForCell, payload: &Payload) -> Admission {
-        let (id, fingerprint) = (call.id.as_str(), fingerprint(&call.method, payload));
+    /// Takes a call in, for a cell; `fingerprint` is its request's.
+    pub fn admit(&mut self, call: &CallAttachment, cell: &ForCell, fingerprint: Fingerprint) -> Admission {
+        let id = call.id.as_str();
         if let Some(entry) = self.open.get(id).or_else(|| self.kept.get(id)) {
             return match entry.fingerprint == fingerprint {
                 true if entry.outcome.receiver_count() >= MAX_JOINED => Admission::Crowded,
@@ -163,10 +163,16 @@ impl Registry {
 }
 
 /// Tells requests apart. Not against an adversary: who can reuse an id can also reuse its payload.
-fn fingerprint(method: &str, payload: &Payload) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    (method, &payload.encoding, &payload.bytes[..]).hash(&mut hasher);
-    hasher.finish()
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Fingerprint(u64);
+
+impl Fingerprint {
+    /// That of a request. Of a scene it takes milliseconds: not while the registry is held, which every call and every cancel needs.
+    pub fn of(method: &str, payload: &Payload) -> Self {
+        let mut hasher = DefaultHasher::new();
+        (method, &payload.encoding, &payload.bytes[..]).hash(&mut hasher);
+        Self(hasher.finish())
+    }
 }
 
 #[cfg(test)]
@@ -193,7 +199,7 @@ mod tests {
             traceparent: None,
             caller: None,
         };
-        registry.admit(&call, cell, &payload(text))
+        registry.admit(&call, cell, Fingerprint::of(&call.method, &payload(text)))
     }
 
     #[tokio::test(start_paused = true)]

@@ -2,7 +2,7 @@
 
 mod answerer;
 mod calls;
-mod served_info;
+mod load_metrics;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,23 +14,21 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use self::load_metrics::LoadMetrics;
 use crate::RuntimeError;
 use crate::call::Handler;
 use crate::call_key::CallKey;
 use crate::config::WorkerConfig;
 use crate::gauge::LoadGauge;
 use crate::journal::{COPIES_WAIT, Journal};
-use crate::namesakes;
+use crate::namesakes::{self, NAMESAKE_CAPACITY};
 use crate::registry::Registry;
 use crate::robots::now_ns;
 use crate::tally::Tally;
 use crate::transport::{Guard, IncomingQueries, Subscription, Traffic, Transport};
-use served_info::ServedInfo;
 
 /// Calls that may wait to be looked at; looking takes microseconds.
 const INCOMING_CAPACITY: usize = 1024;
-/// Loads under this worker's name that may wait to be looked at.
-const NAMESAKE_CAPACITY: usize = 8;
 /// Cancels that may wait to be looked at.
 const CANCEL_CAPACITY: usize = 4096;
 
@@ -76,7 +74,7 @@ impl Server {
         let worker = config.name.clone().unwrap_or_else(made_up_name);
         keys::validate_chunk("name", &worker).map_err(|e| RuntimeError::transport("naming the worker", e))?;
         if config.name.is_some() {
-            namesakes::wait_until_free(transport.as_ref(), &cell, service, &worker, Duration::from_millis(config.name_wait_ms)).await?;
+            namesakes::wait_until_free(transport.as_ref(), &cell, service, &worker, &config).await?;
         }
         let queries = transport.serve(&cell.call(service, &worker), INCOMING_CAPACITY).await?;
         let operations = match service.has_operations() {
@@ -190,7 +188,7 @@ async fn take_cancels(shared: Arc<Shared>, mut cancels: Subscription) {
 async fn report_load(shared: Arc<Shared>) {
     let key = shared.cell.load(shared.service, &shared.worker);
     let period = Duration::from_millis(shared.config.load_period_ms);
-    let mut served = ServedInfo::new(shared.service, &shared.worker);
+    let mut metrics = LoadMetrics::of(shared.service, &shared.worker);
     for seq in 1.. {
         shared.loads_told.store(seq, Ordering::Release);
         let mut load: WorkerLoad = shared.handler.load();
@@ -210,8 +208,7 @@ async fn report_load(shared: Arc<Shared>) {
         if load.service_ms == 0.0 {
             load.service_ms = shared.gauge.service_ms();
         }
-        gauges(&shared, &load);
-        served.tell(&load.weights_hash, &load.kernel);
+        metrics.tell(&load);
         match Payload::json(&load) {
             Ok(payload) => {
                 if let Err(error) = shared.transport.put(&key, payload, Traffic::Load).await {
@@ -223,13 +220,4 @@ async fn report_load(shared: Arc<Shared>) {
         // Early when there is news; the next one comes a whole period later.
         drop(tokio::time::timeout(period, shared.load_changed.notified()).await);
     }
-}
-
-/// The load as metrics.
-fn gauges(shared: &Shared, load: &WorkerLoad) {
-    let (service, worker) = (shared.service.as_str(), shared.worker.as_str());
-    let labels = [("service", service.to_owned()), ("worker", worker.to_owned())];
-    metrics::gauge!("repose_queue_waiting", &labels).set(load.queue_depth as f64);
-    metrics::gauge!("repose_calls_running", &labels).set(load.in_flight as f64);
-    metrics::gauge!("repose_draining", &labels).set(f64::from(u8::from(load.draining)));
 }

@@ -11,7 +11,7 @@ use repose_proto::{CallError, GoalTerm, ObjectSummary, Scene};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::known::{Known, edges_of};
+use crate::known::{Known, SAME_SIZE_M, edges_of};
 use crate::picture::{DepthComparison, DepthPicture};
 
 /// Points of an object that are looked at.
@@ -24,8 +24,6 @@ const ENOUGH: usize = 12;
 const MOVED_M: f64 = 0.03;
 /// From here on it fell, metres.
 const FELL_M: f64 = 0.03;
-/// Edge lengths of one object in two views differ by at most this much, metres.
-const SAME_SIZE_M: f64 = 0.03;
 
 /// What became of an object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
@@ -52,7 +50,7 @@ pub enum Fate {
 /// The objects of a first view, followed from view to view.
 ///
 /// What became of them counts from when something was last [carried out](Self::carried), over all looks since: one that was moved stays told
-/// when it stands, or is hidden, in the next look.
+/// when it stands, or is hidden, in the next look. Of one that was never told it counts from the first view.
 pub struct Followed {
     known: Known,
     /// By the id of the first view.
@@ -106,8 +104,8 @@ impl Followed {
         self.objects.iter().map(|(id, object)| (*id, object.fate)).filter(|(_, fate)| *fate != Fate::Stands).collect()
     }
 
-    /// Something was carried out: an object (first view's id; none where that did not have it) is to be where a motion put it, and every other
-    /// where it was seen last.
+    /// Something was carried out: an object (first view's id; none where that did not have it) is to be where a motion put it, and every other that
+    /// was told as disturbed where it was seen last. The rest is to be where it was: shifts that are each too small to be told add up until they are.
     pub fn carried(&mut self, id: Option<u16>, placed_from_observed: &Isometry3<f64>) {
         for object in self.objects.values_mut().filter(|object| object.fate != Fate::Stands) {
             object.expected.clone_from(&object.seen);
@@ -214,15 +212,22 @@ fn is_covered(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
 }
 
 /// How far points are from where they were to be. A part of them may be covered, or may have been before, so that what is compared is where both were
-/// seen.
+/// seen. What was turned round shows another side: of where its points were to be, what could be seen from here tells whether it stands there.
 fn displaced(expected: &[Point3<f64>], seen: &[Point3<f64>], picture: Option<&DepthPicture>) -> Fate {
     let (Some(was), Some(is)) = (middle(expected), middle(seen)) else { return Fate::Stands };
-    if !are_near(seen, expected) && !are_near(expected, seen) {
+    let open = picture.map_or_else(Vec::new, |picture| uncovered(expected, picture));
+    let is_there = are_near(seen, expected) || are_near(expected, seen) || (open.len() >= ENOUGH && are_near(&open, seen));
+    if !is_there {
         return apart(&was, &is);
     }
-    // Most of something large is still where it was to be when it is pushed.
-    let pushed = picture.map_or_else(Vector3::zeros, |picture| pushed_by(expected, seen, picture));
-    if pushed.xy().norm() >= MOVED_M { apart(&Point3::origin(), &Point3::from(pushed)) } else { Fate::Stands }
+    // Most of something large is still where it was to be when it is pushed, and of something tall when it sinks.
+    apart(&Point3::origin(), &Point3::from(pushed_by(&open, seen)))
+}
+
+/// The points that nothing covers: what was read there tells of them.
+fn uncovered(points: &[Point3<f64>], picture: &DepthPicture) -> Vec<Point3<f64>> {
+    let is_open = |p: &&Point3<f64>| matches!(picture.reading(p), DepthComparison::There | DepthComparison::Behind);
+    points.iter().filter(is_open).copied().collect()
 }
 
 /// Whether most points are near others.
@@ -232,13 +237,11 @@ fn are_near(points: &[Point3<f64>], others: &[Point3<f64>]) -> bool {
     points.iter().filter(is_near).count() as f64 > MOST * points.len() as f64
 }
 
-/// How far both ends of something have gone the same way, along each axis. Where one end alone has, more or less of it is covered. Expected points that
-/// are covered now tell nothing.
-fn pushed_by(expected: &[Point3<f64>], seen: &[Point3<f64>], picture: &DepthPicture) -> Vector3<f64> {
-    let is_open = |p: &&Point3<f64>| matches!(picture.reading(p), DepthComparison::There | DepthComparison::Behind);
-    let open: Vec<Point3<f64>> = expected.iter().filter(is_open).copied().collect();
+/// How far both ends of something have gone the same way, along each axis, from where those of its points that are open were to be. Where one end alone
+/// has, more or less of it is covered.
+fn pushed_by(open: &[Point3<f64>], seen: &[Point3<f64>]) -> Vector3<f64> {
     let along = |axis: usize| {
-        let ([low_m, high_m], [low_now_m, high_now_m]) = (ends(&open, axis)?, ends(seen, axis)?);
+        let ([low_m, high_m], [low_now_m, high_now_m]) = (ends(open, axis)?, ends(seen, axis)?);
         let (low_by_m, high_by_m) = (low_now_m - low_m, high_now_m - high_m);
         let least_m = if low_by_m.abs() < high_by_m.abs() { low_by_m } else { high_by_m };
         (low_by_m * high_by_m > 0.0).then_some(least_m)
@@ -365,6 +368,31 @@ mod tests {
         followed.carried(Some(1), &Isometry3::translation(0.22, 0.0, 0.0));
         followed.look_again(&scene_of(&[wide, before(0.06)]));
         assert_eq!(followed.disturbed(), BTreeMap::new());
+    }
+
+    #[test]
+    fn what_was_turned_round_stands_where_it_was_put_though_it_shows_its_back() {
+        let tall = |[x, y]: [f64; 2]| Block { label: 1, min: [x - 0.04, y - 0.04, 0.0], max: [x + 0.04, y + 0.04, 0.2] };
+        let about_z = Vector3::z() * std::f64::consts::PI;
+        let after = |x_m: f64| {
+            let mut followed = Followed::of(&scene_of(&[tall([-0.2, 0.0])]));
+            // To x = 0.15, y = 0.05.
+            followed.carried(Some(1), &Isometry3::new(Vector3::new(-0.05, 0.05, 0.0), about_z));
+            followed.look_again(&scene_of(&[tall([x_m, 0.05])]));
+            fates(&followed, [1])[0]
+        };
+        assert_eq!(after(0.15), Fate::Stands);
+        assert!(matches!(after(0.19), Fate::Moved { .. }), "{:?}", after(0.19));
+    }
+
+    #[test]
+    fn what_is_tall_has_fallen_when_it_sank_by_less_than_half_its_height() {
+        let upright = |bottom_m: f64| Block { label: 1, min: [-0.03, -0.18, bottom_m], max: [0.03, -0.12, bottom_m + 0.2] };
+        let below = Block { label: 0, min: [-0.03, -0.18, 0.0], max: [0.03, -0.12, 0.06] };
+        let mut followed = Followed::of(&scene_of(&[upright(0.06), below]));
+        followed.look_again(&scene_of(&[upright(0.0)]));
+        let told = fates(&followed, [1]);
+        assert!(matches!(told, [Fate::Fell { by_m }] if (by_m - 0.06).abs() < 0.01), "{told:?}");
     }
 
     #[test]

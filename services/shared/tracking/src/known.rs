@@ -9,6 +9,8 @@ use repose_proto::{CallError, GoalTerm, ObjectSummary};
 const SAME_M: f64 = 0.08;
 /// The same for one that was lost on its way, metres.
 const LOST_M: f64 = 0.25;
+/// Edge lengths of one object in two views differ by at most this much, metres.
+pub(crate) const SAME_SIZE_M: f64 = 0.03;
 /// By how much more one object's edges must differ from what is seen than another's, so that it is sooner the other, metres.
 const SOONER_M: f64 = 0.01;
 
@@ -88,26 +90,31 @@ impl Known {
     }
 
     /// Who is who in a new view, after an object (first view's id) was lost or fell: it may be some way off, among the objects that nobody is and that
-    /// may be it.
+    /// may be it. One of its size is sooner it than one that is nearer and of another, which may have been hidden before; one that lies may look smaller
+    /// or larger than it did upright.
     pub(crate) fn look_for_lost(&mut self, lost: u16, objects: &[ObjectSummary], may_be: impl Fn(&ObjectSummary) -> bool) {
         self.look_again(objects);
         let Some((None, expected)) = self.now.get(&lost) else { return };
         let taken: BTreeSet<u16> = self.now.values().filter_map(|(now, _)| *now).collect();
         let nobody = objects.iter().filter(|o| !taken.contains(&o.id) && may_be(o) && !self.is_sooner_another(lost, o));
         let near = nobody.map(|o| (distance_m(o, expected), o)).filter(|(away_m, _)| *away_m <= LOST_M);
-        if let Some((_, found)) = near.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.id.cmp(&b.1.id))) {
+        let is_other_size = |seen: &ObjectSummary| self.differs_m(lost, seen) > SAME_SIZE_M;
+        let of_size_first = |a: &ObjectSummary, b: &ObjectSummary| is_other_size(a).cmp(&is_other_size(b));
+        if let Some((_, found)) = near.min_by(|a, b| of_size_first(a.1, b.1).then(a.0.total_cmp(&b.0)).then(a.1.id.cmp(&b.1.id))) {
             self.is_now(lost, found);
         }
     }
 
     /// Whether what is seen is sooner another object that is not found again than the lost one, by its size: what goes lost may push others aside.
     fn is_sooner_another(&self, lost: u16, seen: &ObjectSummary) -> bool {
-        let differs_m = |id: u16| {
-            let edges_m = self.edges_m.get(&id).copied().unwrap_or_default();
-            edges_m.iter().zip(edges_of(seen)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-        };
         let mut pushed = self.now.iter().filter(|(id, (now, was))| **id != lost && now.is_none() && distance_m(seen, was) <= LOST_M);
-        pushed.any(|(id, _)| differs_m(*id) + SOONER_M < differs_m(lost))
+        pushed.any(|(id, _)| self.differs_m(*id, seen) + SOONER_M < self.differs_m(lost, seen))
+    }
+
+    /// By how much the edges of something that is seen differ from those of an object of the first view, metres.
+    fn differs_m(&self, id: u16, seen: &ObjectSummary) -> f64 {
+        let edges_m = self.edges_m.get(&id).copied().unwrap_or_default();
+        edges_m.iter().zip(edges_of(seen)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     }
 }
 
@@ -166,5 +173,18 @@ mod tests {
         let mut known = Known::of(&[sized(1, 0.0, 0.06), sized(2, 0.1, 0.06)]);
         known.look_for_lost(1, &[sized(5, 0.2, 0.061)], |_| true);
         assert_eq!((known.now(1), known.now(2)), (Some(5), None));
+    }
+
+    #[test]
+    fn of_two_that_came_to_light_the_one_of_its_size_is_the_lost_one_though_the_other_is_nearer() {
+        let sized = |id: u16, x_m: f64, edge_m: f64| ObjectSummary { extent_m: [edge_m; 3], ..seen(id, [x_m, 0.0, 0.0]) };
+        let found = |strangers: &[ObjectSummary]| {
+            let mut known = Known::of(&[sized(1, 0.0, 0.06)]);
+            known.look_for_lost(1, strangers, |_| true);
+            known.now(1)
+        };
+        // 4 stood behind it.
+        assert_eq!(found(&[sized(4, 0.1, 0.15), sized(5, 0.2, 0.06)]), Some(5));
+        assert_eq!(found(&[sized(4, 0.1, 0.15)]), Some(4), "where there is no other, it may look otherwise from here");
     }
 }

@@ -28,7 +28,7 @@ use repose_tracking::{Fate, Followed, holds};
 use self::order::{next_possible, renamed};
 pub use self::report::{ArrangementEnd, ArrangementReport, NamedMove, News, PlannedMoves, TriedMove};
 use crate::attended::Attended;
-use crate::memory::GoalMemory;
+use crate::memory::{GoalMemory, about};
 use crate::site::{COUNT, IdentifiedScene, MoveStage, Site, is_unserved, is_without_grasp};
 use crate::tried::Tried;
 
@@ -76,6 +76,7 @@ pub async fn bring_about<S: Site>(
         aside: BTreeMap::new(),
         earlier: Vec::new(),
         conflict: None,
+        unseen: None,
     };
     let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
@@ -124,6 +125,8 @@ struct Run<S, T> {
     /// What the last complete plan has left to do, in the ids of the first view; nothing once a move of it has failed.
     earlier: Vec<ArrangeMove>,
     conflict: Option<Conflict>,
+    /// The object that the robot may have moved since the newest view, by its id in the first one.
+    unseen: Option<u16>,
 }
 
 impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
@@ -238,6 +241,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
 
     /// Finds the objects again in the newest view, and notes on the last step what became of them.
     fn look(&mut self) {
+        self.unseen = None;
         self.followed.look_again(&self.view.1);
         self.note_goals();
         if let Some(step) = self.steps.last_mut() {
@@ -337,7 +341,8 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         };
         // Whatever came of it, the robot may have taken the object up.
         let may_be_moved = !carried_out.as_ref().is_err_and(is_unserved);
-        object.filter(|_| may_be_moved).into_iter().for_each(|object| self.memory.carried(object));
+        self.unseen = object.filter(|_| may_be_moved);
+        self.unseen.into_iter().for_each(|object| self.memory.carried(object));
         let Some(step) = self.steps.last_mut() else { return Ok(false) };
         step.tried = match carried_out {
             Ok(tried) => tried,
@@ -400,16 +405,28 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             seed: self.request.seed.wrapping_add(self.steps.len() as u64),
             ..PlaceRequest::new(self.view.0.clone(), planned.object, planned.goal.clone())
         };
-        let others = self.site.placed(&request, &self.view).await?.placements;
+        let others = match self.site.placed(&request, &self.view).await {
+            Ok(others) => others.placements,
+            // A planner that is too busy to say where else it could go takes nothing from the place that is planned.
+            Err(error) if is_first => {
+                tracing::warn!(object = planned.object, %error, "there is the planned place only");
+                Vec::new()
+            }
+            Err(error) => return Err(error),
+        };
         let own = is_first.then(|| planned.placement.clone());
         Ok((request, own.into_iter().chain(others).collect()))
     }
 
-    /// By object, whether its goal holds on the newest view; none where that cannot be seen.
+    /// By object, whether its goal holds on the newest view; none where that cannot be seen, and where something that it is about may have been moved
+    /// since.
     fn holds(&self) -> BTreeMap<u16, Option<bool>> {
         let view = &self.view.1;
         let yaw_rad = self.request.view_yaw_rad.unwrap_or(view.meta.view_yaw_rad);
         let of = |goal: &ObjectGoal| {
+            if about(goal).any(|object| self.unseen == Some(object)) {
+                return None;
+            }
             let translated = self.followed.translated("goals", goal.object, &goal.terms).ok();
             translated.map(|(object, terms)| holds(view, yaw_rad, object, &terms).into_iter().all(|holds| holds))
         };

@@ -67,7 +67,8 @@ pub struct ArrangementReport {
     /// Why it ended there, where it was not achieved.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
-    /// By object, whether its goal holds on the last view, by rule; null where that cannot be seen.
+    /// By object, whether its goal holds on the last view, by rule; null where that cannot be seen, and where a move of something that it is about came
+    /// after that view.
     pub holds: BTreeMap<u16, Option<bool>>,
     /// Objects whose goals were seen to hold and cannot be seen any more: what they are about is hidden, and was not touched since.
     #[serde(skip_serializing_if = "BTreeSet::is_empty")]

@@ -189,6 +189,8 @@ impl Grants {
             self.add(Verb::Put, self.cell.robot_state(robot));
             self.add(Verb::Subscribe, self.cell.robot_command(robot));
             self.add(Verb::Subscribe, self.cell.robot_estop(robot));
+            // It looks whether another driver has the robot.
+            self.add(Verb::Subscribe, self.cell.robot_state(robot));
         }
         for camera in user.cameras.iter().map(String::as_str).chain(is_any.then_some("*")) {
             self.add(Verb::Put, self.cell.camera_frame(camera));
@@ -273,7 +275,8 @@ mod tests {
         assert_eq!(who(Verb::Put, "repose/v1/lab/robot/other/state"), "");
         assert_eq!(who(Verb::Put, "repose/v1/lab/camera/wrist/frame"), "d");
         assert_eq!(who(Verb::Put, "repose/v1/lab/camera/front/frame"), "");
-        assert_eq!(who(Verb::Subscribe, "repose/v1/lab/robot/panda/state"), "mopv");
+        assert_eq!(who(Verb::Subscribe, "repose/v1/lab/robot/panda/state"), "dmopv", "a driver looks whether there is another");
+        assert_eq!(who(Verb::Subscribe, "repose/v1/lab/robot/other/state"), "mopv");
         assert_eq!(who(Verb::Subscribe, "repose/v1/lab/camera/wrist/frame"), "");
         assert_eq!(who(Verb::Token, "repose/v1/lab/live/motion/x"), "m");
         assert_eq!(who(Verb::Token, "repose/v1/lab/live/client/x"), "o");

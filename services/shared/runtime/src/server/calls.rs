@@ -20,7 +20,7 @@ use crate::call::Call;
 use crate::call_key::CallKey;
 use crate::cancel::given_up;
 use crate::mailbox::{MailboxReceiver, mailbox};
-use crate::registry::{Admission, CallResult, MAX_JOINED};
+use crate::registry::{Admission, CallResult, Fingerprint, MAX_JOINED};
 use crate::shares::ForCell;
 use crate::stages::Stages;
 use crate::transport::IncomingQuery;
@@ -70,7 +70,8 @@ pub(super) async fn answer(shared: Arc<Shared>, query: IncomingQuery, call_key: 
         Ok(cell) => cell,
         Err(error) => return answerer.finish(Err(error), BTreeMap::new()).await,
     };
-    let admission = shared.registry().admit(&call, &cell, &payload);
+    let fingerprint = Fingerprint::of(&call.method, &payload);
+    let admission = shared.registry().admit(&call, &cell, fingerprint);
     let error = match admission {
         Admission::Compute { cancelled } => {
             let admitted = Admitted { attachment: call, cell, payload, deadline, cancelled };
@@ -111,10 +112,11 @@ impl Shared {
         CallError::new(ErrorCode::ResourceExhausted, message).retry_after(self.retry_after_ms())
     }
 
+    /// When half of the open calls have ended, milliseconds. The time of a call is what it is open for, waiting and all: those that are open are half
+    /// done in the mean, however many are served at once.
     fn retry_after_ms(&self) -> u64 {
-        let load = self.handler.load();
-        let service_ms = if load.service_ms > 0.0 { load.service_ms } else { self.gauge.service_ms() };
-        (service_ms * self.config.max_open_calls as f64 / 2.0).clamp(1.0, 10_000.0) as u64
+        let call_ms = self.gauge.service_ms().max(self.handler.load().service_ms);
+        (call_ms / 2.0).clamp(1.0, 10_000.0) as u64
     }
 }
 
@@ -153,9 +155,14 @@ async fn compute(shared: Arc<Shared>, admitted: Admitted, mut answerer: Answerer
     let handler = shared.handler.clone();
     let method = call.method.clone();
     let task = tokio::spawn(async move { handler.call(call).await }.instrument(span.clone()));
-    let mut outcome = supervise(&shared, task, deadline, &cancelled, &mut progressed, &mut answerer).await;
-    shared.gauge.finished(1, started.elapsed());
-    while let Some(payload) = progressed.try_recv() {
+    let grace = Duration::from_millis(shared.config.cancel_grace_ms);
+    let mut outcome = supervise(task, (deadline, grace), &cancelled, &mut progressed, &mut answerer).await;
+    match &outcome {
+        Err(error) if error.code == ErrorCode::ResourceExhausted => shared.gauge.refused(1),
+        _ => shared.gauge.finished(1, started.elapsed()),
+    }
+    // No more than wait now: one whose deadline has passed may still be telling.
+    for payload in std::iter::from_fn(|| progressed.try_recv()).take(PROGRESS_CAPACITY) {
         answerer.progress(payload).await;
     }
     {
@@ -184,16 +191,14 @@ fn span_of(shared: &Shared, call: &CallAttachment, cell: &ForCell) -> tracing::S
     span
 }
 
-/// Waits for the handler, for its deadline and for a cancel, and forwards progress meanwhile.
+/// Waits for the handler, for its deadline and for the end of its grace after a cancel, and forwards progress meanwhile.
 async fn supervise(
-    shared: &Shared,
     mut task: tokio::task::JoinHandle<CallResult>,
-    deadline: Instant,
+    (deadline, grace): (Instant, Duration),
     cancelled: &CancellationToken,
     progressed: &mut MailboxReceiver<Payload>,
     answerer: &mut Answerer,
 ) -> CallResult {
-    let grace = Duration::from_millis(shared.config.cancel_grace_ms);
     let mut give_up: Option<Instant> = None;
     loop {
         let end = give_up.unwrap_or(deadline).min(deadline);
@@ -205,7 +210,6 @@ async fn supervise(
                     Err(CallError::internal("the handler panicked"))
                 });
             }
-            Some(payload) = progressed.recv() => answerer.progress(payload).await,
             () = cancelled.cancelled(), if give_up.is_none() => give_up = Some(Instant::now() + grace),
             () = tokio::time::sleep_until(end) => {
                 cancelled.cancel();
@@ -221,6 +225,8 @@ async fn supervise(
                 abort.abort();
                 return Err(given_up());
             }
+            // Last: there may always be some where it comes faster than it can be sent.
+            Some(payload) = progressed.recv() => answerer.progress(payload).await,
         }
     }
 }
@@ -239,13 +245,16 @@ async fn join(mut outcome: watch::Receiver<Option<CallResult>>, deadline: Instan
 #[cfg(test)]
 mod tests {
     use async_trait::async_trait;
+    use bytes::Bytes;
     use metrics_exporter_prometheus::PrometheusBuilder;
     use repose_proto::Service;
     use repose_proto::scoring::ModelsRequest;
 
     use super::*;
     use crate::fake::{FakeNetwork, FakeSettings};
-    use crate::{CallOptions, Handler, RuntimeConfig, Session};
+    use crate::mailbox::MailboxSender;
+    use crate::transport::Replier;
+    use crate::{CallOptions, Handler, RuntimeConfig, RuntimeError, Session};
 
     /// Takes a call, and never ends it.
     struct Endless;
@@ -255,6 +264,82 @@ mod tests {
         async fn call(&self, _call: Call) -> CallResult {
             std::future::pending().await
         }
+    }
+
+    /// A way back on which every message takes a while.
+    struct SlowWay;
+
+    #[async_trait]
+    impl Replier for SlowWay {
+        async fn reply(&self, _: Payload, _: Bytes) -> Result<(), RuntimeError> {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+            Ok(())
+        }
+    }
+
+    async fn telling(progress: MailboxSender<Payload>) -> CallResult {
+        loop {
+            progress.push(Payload::json(&ModelsRequest {})?);
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_call_that_tells_more_than_its_caller_takes_ends_at_its_deadline_and_with_its_cancel() {
+        for is_cancelled in [false, true] {
+            let (progress, mut progressed) = mailbox(PROGRESS_CAPACITY);
+            let attachment = ReplyAttachment {
+                v: limits::VERSION,
+                id: "a".to_owned(),
+                kind: ReplyKind::Progress,
+                n: None,
+                worker: None,
+                attempt: None,
+                timing_ms: BTreeMap::new(),
+            };
+            let mut answerer = Answerer { replier: Box::new(SlowWay), attachment, journal: None };
+            let (deadline, cancelled) = (Instant::now() + Duration::from_secs(5), CancellationToken::new());
+            if is_cancelled {
+                cancelled.cancel();
+            }
+            let bounds = (deadline, Duration::from_secs(1));
+            let supervised = supervise(tokio::spawn(telling(progress)), bounds, &cancelled, &mut progressed, &mut answerer);
+            let ended = tokio::time::timeout(Duration::from_secs(20), supervised).await.expect("an end");
+            let code = if is_cancelled { ErrorCode::Cancelled } else { ErrorCode::DeadlineExceeded };
+            assert_eq!(ended.map_err(|error| error.code), Err(code));
+        }
+    }
+
+    /// Takes a second for every call.
+    struct Slow;
+
+    #[async_trait]
+    impl Handler for Slow {
+        async fn call(&self, call: Call) -> CallResult {
+            tokio::time::sleep(Duration::from_secs(1)).await;
+            Ok(call.payload)
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_finds_no_place_comes_back_when_half_of_the_open_calls_have_ended_however_many_are_served_at_once() {
+        let network = FakeNetwork::new(FakeSettings::default());
+        let mut config = RuntimeConfig::default();
+        config.worker.max_open_calls = 8;
+        let session = |node: &str| Session::over(network.node(node), config.clone()).unwrap();
+        let _server = session("worker").start(Service::Inference, Arc::new(Slow)).await.unwrap();
+        let caller = session("caller").caller(Service::Inference).await.unwrap();
+        caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+        let call = || caller.call("models", Payload::json(&ModelsRequest {}).unwrap(), CallOptions::within(Duration::from_secs(10)));
+        call().await.unwrap();
+        let open = futures::future::join_all((0..8).map(|_| call()));
+        let refused = async {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            call().await.unwrap_err().retry_after_ms
+        };
+        let (open, refused) = tokio::join!(open, refused);
+        assert!(open.iter().all(Result::is_ok));
+        assert!(refused.is_some_and(|ms| (450..=550).contains(&ms)), "{refused:?}");
     }
 
     /// Calls a worker with a single place twice.

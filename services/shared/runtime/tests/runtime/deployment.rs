@@ -286,3 +286,33 @@ async fn a_worker_stops_for_an_older_one_of_its_name_and_not_for_a_younger_one()
     let taken = tokio::time::timeout(Duration::from_secs(5), server.name_taken()).await.expect("the younger stops");
     assert!(matches!(taken, RuntimeError::NameTaken { .. }), "{taken}");
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_that_comes_while_its_predecessor_drains_waits_for_its_end_and_takes_the_name_over() {
+    let mut config = RuntimeConfig::default();
+    config.worker.name = Some("heir".to_owned());
+    config.worker.name_wait_ms = 300;
+    let session = Session::open(config).await.unwrap();
+    let handler = Arc::new(Oddities::default());
+    let first = session.start(SERVICE, handler.clone()).await.unwrap();
+    let caller = session.caller(SERVICE).await.unwrap();
+    caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+    let held = tokio::spawn({
+        let caller = caller.clone();
+        async move { caller.call("held", word(""), CallOptions::within(Duration::from_secs(30))).await }
+    });
+    handler.wait_for(&handler.started, 1).await;
+    let draining = tokio::spawn(first.drain());
+    while !caller.workers().is_empty() {
+        tokio::task::yield_now().await;
+    }
+    let mut starting = std::pin::pin!(session.start(SERVICE, Arc::new(Oddities::default())));
+    assert!(tokio::time::timeout(Duration::from_secs(1), &mut starting).await.is_err(), "calls to its name would be refused");
+    handler.release.notify_one();
+    let heir = starting.await.unwrap();
+    assert_eq!(read(&held.await.unwrap().unwrap().payload), "released");
+    draining.await.unwrap();
+    caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+    assert_eq!(read(&caller.call("echo", word("anew"), CallOptions::default()).await.unwrap().payload), "anew");
+    assert!(tokio::time::timeout(Duration::from_millis(500), heir.name_taken()).await.is_err(), "nobody else has the name");
+}
