@@ -94,7 +94,7 @@ fn a_scene_of_a_newer_perception_has_its_id_at_receivers_that_know_less_of_it_an
     let payload = Payload::with_scene(&PlaceRequest::new(came.id(), 1, vec!["near:2".parse().expect("a term")]), Some(&came));
     let enclosed = payload.and_then(|payload| payload.decode_bulk(PlaceRequest::SCHEMA)).expect("bulk form");
     assert_eq!(enclosed.metadata["scene"], newer.metadata["scene"]);
-    let (request, handed_on) = repose_proto::enclosed::disclose::<PlaceRequest>(&enclosed).expect("a request");
+    let (request, handed_on) = enclosed::disclose::<PlaceRequest>(&enclosed).expect("a request");
     assert_eq!(handed_on.map(|scene| scene.id()), Some(request.scene.scene_id));
 
     // A client may have written it anew in its own way, and goes on calling it as perception does.

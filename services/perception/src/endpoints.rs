@@ -29,7 +29,7 @@ const PACKED_BYTES: usize = 16 << 20;
 impl Endpoints {
     /// Answers from what a worker makes and keeps.
     pub fn new(worker: Arc<Worker>) -> Self {
-        let packed = SceneStore::beside_another(PACKED_SCENES, PACKED_BYTES, |scene| scene.payload.bytes.len());
+        let packed = SceneStore::beside_another(PACKED_SCENES, PACKED_BYTES, |scene: &KeptScene| scene.payload.bytes.len());
         Self { worker, packed, packing: Mutex::default() }
     }
 

@@ -195,8 +195,9 @@ pub enum GenerateError {
 /// # Errors
 /// [`GenerateError`]; shards that were finished stay, and the next run goes on from them.
 pub fn generate(settings: &GenerateSettings, progress: impl FnMut(&Generated) -> bool + Send) -> Result<Generated, GenerateError> {
+    let end = settings.first_scene.saturating_add(settings.scenes);
     if !settings.split.holds(settings.first_scene, settings.scenes) {
-        let (first, end) = (settings.first_scene, settings.first_scene.saturating_add(settings.scenes));
+        let first = settings.first_scene;
         return Err(GenerateError::Seeds { first, end, split: settings.split.name(), available: settings.split.scenes() });
     }
     let per_shard = settings.scenes_per_shard.max(1);
