@@ -14,7 +14,7 @@ use repose_console::ConsoleConfig;
 use repose_proto::{Service, keys};
 use repose_runtime::{RuntimeConfig, Session, Shutdown};
 use tokio::process::{Child, Command};
-use tokio::task::JoinSet;
+use tokio::task::{JoinError, JoinSet};
 
 use crate::client::{self, ENDPOINT, SystemArgs, check_endpoint, client_config};
 use crate::failure::{CommandResult, Failure};
@@ -89,9 +89,9 @@ pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
         watchers.spawn(keep_running(command, part.name.clone(), is_up.clone(), shutdown.clone()));
     }
     let names: Vec<&str> = parts.iter().map(|part| part.name.as_str()).collect();
-    let up = tokio::select! {
+    let mut up = tokio::select! {
         up = ready(args, config, &layout, &camera, &shutdown) => up,
-        Some(ended) = watchers.join_next() => ended.map_err(Failure::other)?,
+        Some(ended) = watchers.join_next() => outcome(ended),
     };
     is_up.store(true, Ordering::Release);
     if up.is_ok() && !shutdown.is_requested() {
@@ -99,14 +99,22 @@ pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
         let document = serde_json::json!({
             "listen": args.listen, "cell": cells[0], "cells": cells, "pool": pool, "processes": names, "console": page,
         });
-        output.print(&document, || format!("up: {} at {}, {layout}; the page is {page}; Ctrl-C ends it", names.join(", "), args.listen))?;
-        shutdown.requested().await;
+        up = output
+            .print(&document, || format!("up: {} at {}, {layout}; the page is {page}; Ctrl-C ends it", names.join(", "), args.listen));
+        if up.is_ok() {
+            shutdown.requested().await;
+        }
     }
     shutdown.trigger();
     while let Some(ended) = watchers.join_next().await {
-        ended.map_err(Failure::other)??;
+        // Those that are left drain, whatever became of this one: with their watchers they would be killed.
+        up = up.and(outcome(ended));
     }
     up
+}
+
+fn outcome(ended: Result<CommandResult, JoinError>) -> CommandResult {
+    ended.unwrap_or_else(|failure| Err(Failure::other(failure)))
 }
 
 /// Which cells there are, and the pool that serves them.
@@ -252,11 +260,19 @@ fn console_of(mut config: ConsoleConfig) -> Result<ConsoleConfig, Failure> {
     Ok(config)
 }
 
-/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up always would.
+/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up always would, and one that
+/// cannot be started then never could; later the machine may be out of something for a moment, or the program is just being replaced.
 async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>, shutdown: Shutdown) -> CommandResult {
     while !shutdown.is_requested() {
-        let mut process =
-            LabelledProcess::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
+        let mut process = match LabelledProcess::spawn(&mut command, &name) {
+            Ok(process) => process,
+            Err(error) if is_up.load(Ordering::Acquire) => {
+                tracing::warn!("{name} could not be started, and is tried again: {error}");
+                pause(&shutdown).await;
+                continue;
+            }
+            Err(error) => return Err(Failure::other(format!("{name} could not be started: {error}"))),
+        };
         tokio::select! {
             ended = process.child.wait() => {
                 process.rest_of_log().await;
@@ -274,12 +290,17 @@ async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>
                 return Ok(());
             }
         }
-        tokio::select! {
-            () = tokio::time::sleep(RESTART_PAUSE) => {}
-            () = shutdown.requested() => {}
-        }
+        pause(&shutdown).await;
     }
     Ok(())
+}
+
+/// Waits before a process is started again.
+async fn pause(shutdown: &Shutdown) {
+    tokio::select! {
+        () = tokio::time::sleep(RESTART_PAUSE) => {}
+        () = shutdown.requested() => {}
+    }
 }
 
 async fn stop(child: &mut Child, name: &str) {
@@ -331,6 +352,21 @@ mod tests {
         assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("listen")));
         drop(other);
         assert!(is_free(&endpoint).is_ok() && is_free("unixsock-stream//tmp/x").is_ok());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_process_of_a_running_system_that_cannot_be_started_is_tried_again_until_the_end() {
+        let run = |is_up: bool, shutdown: &Shutdown| {
+            let command = Command::new("/nowhere/repose");
+            keep_running(command, "planner".to_owned(), Arc::new(AtomicBool::new(is_up)), shutdown.clone())
+        };
+        let shutdown = Shutdown::new();
+        assert!(run(false, &shutdown).await.is_err(), "before it is up, the system cannot come up");
+        let tries = tokio::spawn(run(true, &shutdown));
+        tokio::time::sleep(3 * RESTART_PAUSE).await;
+        assert!(!tries.is_finished(), "it is not given up");
+        shutdown.trigger();
+        assert!(tries.await.expect("no panic").is_ok());
     }
 
     #[test]
