@@ -12,7 +12,7 @@ use std::time::Duration;
 use clap::Args;
 use repose_console::ConsoleConfig;
 use repose_proto::{Service, keys};
-use repose_runtime::{RuntimeConfig, Session, Shutdown};
+use repose_runtime::{RuntimeConfig, Server, Session, Shutdown};
 use tokio::process::{Child, Command};
 use tokio::task::{JoinError, JoinSet};
 
@@ -64,8 +64,8 @@ const CONSOLE: &str = "console";
 const RESTART_PAUSE: Duration = Duration::from_secs(1);
 /// How long the services may take to come up.
 const READY_WITHIN: Duration = Duration::from_secs(60);
-/// How long a process may take to drain before it is killed.
-const STOP_WITHIN: Duration = Duration::from_secs(15);
+/// How much longer than its configuration lets it a process may take to end before it is killed: where all end at once, the machine is busy.
+const STOP_MARGIN: Duration = Duration::from_secs(2);
 
 /// Runs until interrupted.
 pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
@@ -76,6 +76,7 @@ pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
     let mut config = client_config(&system)?;
     let layout = Layout::of(args, &config)?;
     config.caller.pool.clone_from(&layout.pool);
+    let stop_within = stop_within(&config);
     let configs = ServiceConfigs::load(args.config.as_deref())?;
     let (camera, seed) = (configs.simulator.camera, args.seed.unwrap_or(configs.simulator.seed));
     let console = console_of(configs.console)?;
@@ -86,7 +87,7 @@ pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
     let mut watchers = JoinSet::new();
     for part in &parts {
         let command = part.command(args, &layout, &console)?;
-        watchers.spawn(keep_running(command, part.name.clone(), is_up.clone(), shutdown.clone()));
+        watchers.spawn(keep_running(command, part.name.clone(), is_up.clone(), stop_within, shutdown.clone()));
     }
     let names: Vec<&str> = parts.iter().map(|part| part.name.as_str()).collect();
     let mut up = tokio::select! {
@@ -260,9 +261,16 @@ fn console_of(mut config: ConsoleConfig) -> Result<ConsoleConfig, Failure> {
     Ok(config)
 }
 
-/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up always would, and one that
-/// cannot be started then never could; later the machine may be out of something for a moment, or the program is just being replaced.
-async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>, shutdown: Shutdown) -> CommandResult {
+/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain, and gives it `stop_within` for that. One that ends before the
+/// system is up always would, and one that cannot be started then never could; later the machine may be out of something for a moment, or the program
+/// is just being replaced.
+async fn keep_running(
+    mut command: Command,
+    name: String,
+    is_up: Arc<AtomicBool>,
+    stop_within: Duration,
+    shutdown: Shutdown,
+) -> CommandResult {
     while !shutdown.is_requested() {
         let mut process = match LabelledProcess::spawn(&mut command, &name) {
             Ok(process) => process,
@@ -285,7 +293,7 @@ async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>
                 }
             }
             () = shutdown.requested() => {
-                stop(&mut process.child, &name).await;
+                stop(&mut process.child, &name, stop_within).await;
                 process.rest_of_log().await;
                 return Ok(());
             }
@@ -303,13 +311,18 @@ async fn pause(shutdown: &Shutdown) {
     }
 }
 
-async fn stop(child: &mut Child, name: &str) {
+/// How long a process may take to end: as long as its worker drains and its session closes, and some more.
+fn stop_within(config: &RuntimeConfig) -> Duration {
+    Server::longest_drain(&config.worker) + Duration::from_millis(config.session.close_timeout_ms) + STOP_MARGIN
+}
+
+async fn stop(child: &mut Child, name: &str, within: Duration) {
     if let Some(id) = child.id().and_then(|id| i32::try_from(id).ok()) {
         // SAFETY: a plain system call on a child that has not been waited for, so its id is still its own.
         unsafe { libc::kill(id, libc::SIGTERM) };
     }
-    if tokio::time::timeout(STOP_WITHIN, child.wait()).await.is_err() {
-        tracing::warn!("{name} did not drain in {} s and is killed", STOP_WITHIN.as_secs());
+    if tokio::time::timeout(within, child.wait()).await.is_err() {
+        tracing::warn!("{name} did not drain in {:.1} s and is killed", within.as_secs_f64());
         if let Err(error) = child.kill().await {
             tracing::error!("{name} could not be killed: {error}");
         }
@@ -319,6 +332,7 @@ async fn stop(child: &mut Child, name: &str) {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use repose_runtime::WorkerConfig;
 
     use super::*;
 
@@ -358,7 +372,7 @@ mod tests {
     async fn a_process_of_a_running_system_that_cannot_be_started_is_tried_again_until_the_end() {
         let run = |is_up: bool, shutdown: &Shutdown| {
             let command = Command::new("/nowhere/repose");
-            keep_running(command, "planner".to_owned(), Arc::new(AtomicBool::new(is_up)), shutdown.clone())
+            keep_running(command, "planner".to_owned(), Arc::new(AtomicBool::new(is_up)), Duration::ZERO, shutdown.clone())
         };
         let shutdown = Shutdown::new();
         assert!(run(false, &shutdown).await.is_err(), "before it is up, the system cannot come up");
@@ -367,6 +381,15 @@ mod tests {
         assert!(!tries.is_finished(), "it is not given up");
         shutdown.trigger();
         assert!(tries.await.expect("no panic").is_ok());
+    }
+
+    #[test]
+    fn no_process_is_killed_while_its_configuration_lets_it_drain() {
+        let mut config = RuntimeConfig::default();
+        config.worker.drain_ms = 60_000;
+        let WorkerConfig { drain_notice_ms, drain_ms, cancel_grace_ms, .. } = config.worker;
+        let drains = drain_notice_ms + drain_ms + cancel_grace_ms + config.session.close_timeout_ms;
+        assert!(stop_within(&config) > Duration::from_millis(drains));
     }
 
     #[test]
