@@ -234,6 +234,30 @@ fn metadata_that_is_missing_or_garbled_is_named() {
 }
 
 #[test]
+fn what_is_wrong_in_an_entry_is_named_below_it() {
+    let mut wrong = scene();
+    wrong.meta.camera.fx = 0.0;
+    assert_eq!(field(&Scene::from_bulk(&wrong.to_bulk()).unwrap_err()), "scene.camera.fx");
+    let wrong = Frame { camera: CameraModel { depth_unit_m: -1.0, ..camera() }, ..frame() };
+    assert_eq!(field(&Frame::from_bulk(&wrong.to_bulk()).unwrap_err()), "camera_json.depth_unit_m");
+    let with = |entry: &str, text: &str| {
+        let (mut scene, mut frame) = (scene().to_bulk(), frame().to_bulk());
+        [&mut scene, &mut frame].into_iter().for_each(|bulk| drop(bulk.metadata.insert(entry.to_owned(), text.to_owned())));
+        let read = if entry == "scene" { Scene::from_bulk(&scene).map(drop) } else { Frame::from_bulk(&frame).map(drop) };
+        read.unwrap_err()
+    };
+    for (entry, text, expected) in [
+        ("scene", "{\"objects\": [7]}", "scene.objects[0]"),
+        ("scene", "seen", "scene"),
+        ("camera_json", "{\"width\": -1}", "camera_json.width"),
+        ("hints", "hm", "hints"),
+        ("robots", "[7]", "robots[0]"),
+    ] {
+        assert_eq!(field(&with(entry, text)), expected);
+    }
+}
+
+#[test]
 fn tensors_and_pictures_whose_sizes_disagree_are_refused() {
     let mut bulk = scene().to_bulk();
     bulk.tensors.insert("labels".into(), Tensor::u16(&[2], &[1, 2]));
