@@ -196,6 +196,8 @@ impl MotionConfig {
         within("grip_force_n", self.grip_force_n, 1.0, 70.0)?;
         within("grip_force_max_n", self.grip_force_max_n, self.grip_force_n, 70.0)?;
         within("release_m", self.release_m, 0.0, 0.05)?;
+        within("threads", self.threads as f64, 1.0, 1024.0)?;
+        within("queue", self.queue as f64, 1.0, 1e6)?;
         within("grasps", self.grasps as f64, 1.0, 10_000.0)?;
         within("rrt_iterations", self.rrt_iterations as f64, 1.0, 1e6)?;
         let mut settings = PickPlaceSettings {
@@ -394,6 +396,13 @@ mod tests {
             let followed: Vec<Joints> = (0..(end_s * 1e3) as usize + 5).map(at).collect();
             prop_assert_eq!(CommandRules::check(&followed[0], &followed, CommandRuleSettings { limits, ..CommandRuleSettings::default() }), Ok(()));
         }
+    }
+
+    #[test]
+    fn a_queue_without_places_and_a_crew_of_nobody_are_refused_by_name() {
+        let refused = |config: MotionConfig| config.validate().unwrap_err().field;
+        assert_eq!(refused(MotionConfig { queue: 0, ..MotionConfig::default() }), "queue");
+        assert_eq!(refused(MotionConfig { threads: 0, ..MotionConfig::default() }), "threads");
     }
 
     #[test]

@@ -382,6 +382,23 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_farther_than_a_scene_reaches_is_refused_and_what_does_not_can_be_read() {
+        let (frame, world_from_camera) = frame();
+        let seen_from = |east_m: f64| {
+            let mut pose = to_row_major(&world_from_camera);
+            pose[3] += east_m;
+            let camera = CameraModel { world_from_camera: Some(RigidTransform(pose)), ..frame.camera.clone() };
+            segment(&Frame { camera, ..frame.clone() }, &Settings::default())
+        };
+        let scene = seen_from(900.0).unwrap();
+        assert!(Scene::from_bulk(&scene.to_bulk()).is_ok());
+        for east_m in [1000.0, -1100.0, 500_000.0, 1e300] {
+            let error = CallError::from(seen_from(east_m).unwrap_err());
+            assert_eq!(error.field.as_deref(), Some("world_from_camera"), "{error}");
+        }
+    }
+
+    #[test]
     fn masks_that_label_the_table_are_doubted_and_the_pose_is_not() {
         let (mut frame, truth) = frame();
         frame.labels.iter_mut().flatten().filter(|id| **id == 0).for_each(|id| *id = 5);
