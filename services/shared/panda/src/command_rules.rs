@@ -115,6 +115,8 @@ impl Violation {
 
 /// Rounding of positions that backward differences would otherwise blow up into violations.
 const ROUNDING: f64 = 1e-6;
+/// What rounding makes of the speed of a joint that stands, and more, rad/s: next to its limit an FR3 allows none at all.
+const STILL_RAD_S: f64 = 1e-9;
 
 /// The rules applied to one stream: feed it every set-point in turn.
 #[derive(Debug, Clone)]
@@ -125,14 +127,21 @@ pub struct CommandRules {
 }
 
 impl CommandRules {
-    /// A stream that begins with the robot at rest at `measured`.
+    /// A stream that begins with the robot at rest at `measured`. Where that is beyond the position limits, as those of a driver that keeps off the
+    /// robot's own, it may come back from there.
     pub fn new(measured: &Joints, settings: CommandRuleSettings) -> Self {
+        let settings = CommandRuleSettings { limits: settings.limits.including(measured), ..settings };
         Self { settings, state: MotionState::at_rest(*measured), started: false }
     }
 
     /// The same when its first set-point, at `measured` itself, has been accepted already.
     pub fn continued(measured: &Joints, settings: CommandRuleSettings) -> Self {
         Self { started: true, ..Self::new(measured, settings) }
+    }
+
+    /// What the set-points are held against.
+    pub fn limits(&self) -> &JointLimits {
+        &self.settings.limits
     }
 
     /// Where and how the arm moves at the last set-point that was accepted.
@@ -190,7 +199,7 @@ impl CommandRules {
         let exceeds = |value: f64, limit: f64| value.abs() > limit * (1.0 + ROUNDING);
         let value = next.velocity_rad_s[joint];
         let limit = limits.speed_at(joint, next.position_rad[joint], value);
-        if exceeds(value, limit) {
+        if value.abs() > STILL_RAD_S && exceeds(value, limit) {
             return Err(Violation::VelocityLimits { joint, value, limit });
         }
         let (value, limit) = (next.acceleration_rad_s2[joint], limits.acceleration_rad_s2[joint]);
