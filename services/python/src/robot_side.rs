@@ -63,19 +63,23 @@ struct Running {
 impl RobotSide {
     /// Joins a robot that stands at `joints_rad` to its keys.
     #[new]
-    #[pyo3(signature = (connection, robot, joints_rad, *, world_from_base, state_period_s, following_tolerance_rad, starts_stopped))]
+    #[pyo3(signature = (
+        connection, robot, joints_rad, *, model, world_from_base, state_period_s, following_tolerance_rad, starts_stopped,
+    ))]
     #[expect(clippy::too_many_arguments, reason = "named arguments of a function that only the package's own Python calls")]
     fn new(
         py: Python<'_>,
         connection: &Connection,
         robot: &str,
         joints_rad: Joints,
+        model: &str,
         world_from_base: Option<[f64; 16]>,
         state_period_s: f64,
         following_tolerance_rad: f64,
         starts_stopped: bool,
     ) -> PyResult<Self> {
-        let settings = ArmSettings { following_tolerance_rad, ..ArmSettings::default() };
+        let unknown = || raised(CallError::invalid("model", format!("expected panda or fr3, got {model:?}")));
+        let settings = ArmSettings { following_tolerance_rad, ..ArmSettings::of_model(model).ok_or_else(unknown)? };
         let world_from_base = world_from_base.map(RigidTransform);
         repose_proto::keys::validate_chunk("name", robot).map_err(raised)?;
         world_from_base.map_or(Ok(()), |pose| pose.validate("world_from_base")).map_err(raised)?;
