@@ -218,7 +218,7 @@ impl CommandRules {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::READY;
+    use crate::{FR3_LIMITS, READY};
 
     fn ramp(acceleration: f64, count: usize) -> Vec<Joints> {
         (0..count)
@@ -264,6 +264,19 @@ mod tests {
             "joint_motion_generator_position_limits_violation"
         );
         assert_eq!(CommandRules::check(&READY, &[[f64::NAN; 7]], settings).unwrap_err().1, Violation::NotFinite { joint: 0 });
+    }
+
+    #[test]
+    fn a_joint_that_stands_where_no_speed_is_allowed_does_not_move_by_rounding() {
+        let mut stands = READY;
+        stands[6] = FR3_LIMITS.position_upper_rad[6] - 0.001;
+        assert_eq!(FR3_LIMITS.speed_at(6, stands[6], 1.0), 0.0);
+        let mut rules = CommandRules::new(&stands, CommandRuleSettings { limits: FR3_LIMITS, ..CommandRuleSettings::default() });
+        let mut rounded = stands;
+        rounded[6] *= 1.0 + f64::EPSILON;
+        assert_eq!((rules.accept(&stands), rules.accept(&rounded)), (Ok(()), Ok(())));
+        rounded[6] += 1e-6;
+        assert_eq!(rules.accept(&rounded).unwrap_err().name(), "joint_motion_generator_velocity_limits_violation");
     }
 
     #[test]
