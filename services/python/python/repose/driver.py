@@ -107,7 +107,8 @@ class Robot(ABC):
         world_from_base: Where its base stands in the world, ``[4, 4]``; the identity, unless you say otherwise. Motion plans with its own
             setting, ``[motion] world_from_base``, and moves no robot that says another place; perception takes this one to know the
             arm in pictures.
-        following_tolerance_rad: How far a joint may be from its set-point, radians, before the arm counts as not following and stops.
+        following_tolerance_rad: How far a joint may be from its set-point, radians, before the arm counts as not following and stops; 0.001
+            to 1. At rest it is sent where it was measured then: more than it sags under its weight.
         starts_stopped: Whether a driver of it starts stopped (``driver_started``) until somebody has looked at the arm and resets it. A
             driver keeps nothing when it ends: one that is started again knows of no stop, task or object in the hand of before. Set it for
             an arm that could hurt somebody; a simulation goes without.
