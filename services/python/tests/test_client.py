@@ -185,6 +185,13 @@ def test_a_motion_is_planned_from_where_the_robot_is(client, scene, wish):
     np.testing.assert_allclose(motion.phases[0].joints_rad[0], client.robot_state().joints_rad, atol=1e-3)
 
 
+def test_a_motion_on_what_is_seen_again_just_so_is_as_young_as_that(client, view):
+    for seen_s in (1_000, 2_000):
+        scene = view.scene(stamp_ns=seen_s * 10**9)
+        plan = client.place(scene, 1, [("left_of", 2)], variant="geometric", count=5, seed=5)
+        assert client.plan_motion(scene, plan).data["scene_stamp_ns"] == scene.stamp_ns
+
+
 def test_a_stop_latches_until_reset(client):
     state = client.stop(reason="test")
     assert state.mode == "stopped"
