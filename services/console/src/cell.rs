@@ -126,7 +126,7 @@ impl WatchedCell {
         locked(&self.shared.known).robots.get(robot).cloned().ok_or_else(silent)
     }
 
-    /// Follows one of this cell's cameras; the first by name where none is named.
+    /// Follows one of this cell's cameras; the first by name that shows something where none is named.
     ///
     /// # Errors
     /// `unavailable` when there is no camera yet, or what the network says.
@@ -156,7 +156,7 @@ impl WatchedCell {
         loop {
             let mut changed = std::pin::pin!(self.shared.camera_came.notified());
             changed.as_mut().enable();
-            if let Some(name) = locked(&self.shared.known).cameras.first() {
+            if let Some(name) = locked(&self.shared.known).cameras.first(Instant::now()) {
                 return name.to_owned();
             }
             changed.await;
