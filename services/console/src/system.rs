@@ -9,8 +9,8 @@ use crate::messages::CameraShown;
 
 /// Weight of the newest interval between two scenes in the smoothed one.
 const NEWEST: f64 = 0.2;
-/// How long a camera that shows nothing is remembered.
-const REMEMBERED: Duration = Duration::from_secs(600);
+/// How long a camera that shows nothing, and a robot that tells nothing, is remembered.
+pub const REMEMBERED: Duration = Duration::from_secs(600);
 /// A camera whose newest scene came longer ago shows nothing now: of a stream that nobody asks about there is one every ten seconds.
 const SHOWS: Duration = Duration::from_secs(30);
 
