@@ -148,8 +148,8 @@ impl Refusals {
         if target == ACCEPTING || target.starts_with(QUIC) {
             return refused_login(line).map(|words| (LOGIN_REFUSED, words));
         }
-        if let Some((_, rest)) = line.split_once("caching permissions for `") {
-            CACHING.set(rest.split('`').next().map(str::to_owned));
+        if let Some(key) = cached_in_advance(line) {
+            CACHING.set(Some(key.to_owned()));
             return None;
         }
         let decision = Decision::read(line)?;
@@ -166,7 +166,8 @@ impl Refusals {
         let action = action.trim_end_matches("(ingress)").trim();
         let broad =
             if action.contains("Subscriber") && key.contains('*') { "; a subscription must lie within what is allowed" } else { "" };
-        Some((MESSAGE_REFUSED, format!("refused: {subject} may not {action} at {key}{broad}")))
+        // Whoever was refused chose the key, line ends and all.
+        Some((MESSAGE_REFUSED, format!("refused: {subject} may not {action} at {}{broad}", key.escape_debug())))
     }
 
     /// Who a decision is about: only those that are not from the cache name the user.
@@ -183,6 +184,13 @@ impl Refusals {
             None => subjects.get(decision.session).cloned().unwrap_or_else(|| format!("session {}", decision.session)),
         }
     }
+}
+
+/// The key whose permissions access control begins to work out, where a line says so at its beginning. A key that is refused may say the same,
+/// further on.
+fn cached_in_advance(line: &str) -> Option<&str> {
+    let (_, rest) = line.strip_prefix("ACL (")?.split_once("): caching permissions for `")?;
+    Some(rest.rsplit_once('`').map_or(rest, |(key, _)| key))
 }
 
 /// A login that is refused, in our words. Zenoh says first whose it looks at, `Establishment Accept OpenSyn: <ours> => <theirs>. Received: …`, and
@@ -224,13 +232,13 @@ struct Decision<'a> {
 }
 
 impl<'a> Decision<'a> {
+    /// Reads a line from its front: its end is a key, which may say anything.
     fn read(line: &'a str) -> Option<Self> {
-        let (who, what, is_allowed) = match (line.split_once(" is unauthorized to "), line.split_once(" is authorized to ")) {
-            (Some((who, what)), _) => (who, what, false),
-            (None, Some((who, what))) => (who, what, true),
-            (None, None) => return None,
-        };
-        let (action, key) = what.rsplit_once(" on ")?;
+        let verbs = [(" is unauthorized to ", false), (" is authorized to ", true)];
+        let first = verbs.into_iter().filter_map(|(verb, is_allowed)| Some((line.find(verb)?, verb, is_allowed))).min();
+        let (at, verb, is_allowed) = first?;
+        let (who, what) = (&line[..at], &line[at + verb.len()..]);
+        let (action, key) = what.split_once(" on ")?;
         let cached = who.strip_prefix("Using cached result: ");
         let (session, subject) = match (cached, who.split_once(" on ")) {
             (Some(session), _) => (session, None),
@@ -314,6 +322,21 @@ mod tests {
         let tried = format!("Using cached result: 3f is unauthorized to Put (ingress) on {key}");
         let (_, words) = refusals.refusal(ACCESS, &tried).expect("a refusal");
         assert!(words.contains("lo+anna may not Put at"), "the user is known from before: {words}");
+    }
+
+    #[test]
+    fn no_key_hides_a_refusal_or_makes_one_up() {
+        let refusals = Refusals::start();
+        let (session, command) = ("3f on lo+anna", "repose/v1/lab/robot/panda/command");
+        let said = |line: &str| refusals.refusal(ACCESS, line).map(|(_, words)| words);
+        let hidden = said(&format!("{session} is unauthorized to Put (ingress) on x caching permissions for `{command}` ..."));
+        assert!(hidden.is_some_and(|words| words.contains("lo+anna may not Put at x caching")));
+        assert!(said(&format!("{session} is unauthorized to Put (ingress) on {command}")).is_some(), "nobody works it out in advance");
+        let allowed = "repose/v1/lab/robot/4e on lo+bert is unauthorized to Put (ingress) on x/@estop";
+        assert_eq!(said(&format!("{session} is authorized to Put (ingress) on {allowed}")), None);
+        let words =
+            said(&format!("{session} is unauthorized to Put (ingress) on a on b\n2026-11-27 ERROR refused a login")).expect("a refusal");
+        assert_eq!(words, "refused: lo+anna may not Put at a on b\\n2026-11-27 ERROR refused a login");
     }
 
     #[test]
