@@ -17,6 +17,8 @@ use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, filter};
 
+use crate::log_lines::EventWriter;
+
 /// The environment variable with the filter, `info` or `repose_planner=debug,warn`.
 pub const LOG_VARIABLE: &str = "REPOSE_LOG";
 /// The environment variable that switches to one JSON document a line when it is `json`.
@@ -36,7 +38,8 @@ fn subscriber(chosen: EnvFilter) -> impl Subscriber + Send + Sync {
     let colors = std::io::stderr().is_terminal();
     let json = std::env::var(FORMAT_VARIABLE).is_ok_and(|v| v == "json");
     // A log that nobody reads any more (`2>&1 | head`) is no reason to end: reporting that on standard error would panic.
-    let lines = tracing_subscriber::fmt::layer().with_ansi(colors).with_writer(std::io::stderr).log_internal_errors(false);
+    let lines =
+        tracing_subscriber::fmt::layer().with_ansi(colors).with_writer(|| EventWriter(std::io::stderr())).log_internal_errors(false);
     let lines = match json {
         true => lines.json().boxed(),
         false => lines.boxed(),
