@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use std::io::IsTerminal;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use lru::LruCache;
 use tracing::field::{Field, Visit};
@@ -122,20 +123,51 @@ thread_local! {
 const MOST_WAITING: usize = 256;
 /// Different refusals that are said; further ones are counted only, for nobody may fill a log from afar.
 const MOST_SAID: usize = 1000;
+/// How long they are counted only; then all are said anew.
+const SAYS_NO_MORE: Duration = Duration::from_secs(3600);
 /// Sessions whose user is remembered; the one that was heard of least recently is forgotten first.
 const MOST_SUBJECTS: usize = 4096;
 /// The last of the permissions that access control works out together.
 const LAST_CACHED: &str = "Declare Liveliness Subscriber (";
+
+/// The refusals that were said.
+#[derive(Default)]
+struct Said {
+    known: BTreeSet<String>,
+    /// When there were too many of them.
+    full_since: Option<Instant>,
+}
+
+impl Said {
+    /// What is to be said of a refusal: itself, unless it was; or that further ones are not.
+    fn news(&mut self, words: String, now: Instant) -> Option<String> {
+        if self.full_since.is_some_and(|since| now.saturating_duration_since(since) >= SAYS_NO_MORE) {
+            // Names are made up anew all the time: a router that runs for long has seen so many without anybody meaning it.
+            *self = Self::default();
+        }
+        if self.known.contains(&words) {
+            return None;
+        }
+        if self.known.len() < MOST_SAID {
+            self.known.insert(words.clone());
+            return Some(words);
+        }
+        let is_first = self.full_since.is_none();
+        self.full_since = self.full_since.or(Some(now));
+        let minutes = SAYS_NO_MORE.as_secs() / 60;
+        is_first.then(|| format!("{MOST_SAID} different refusals were said: for {minutes} minutes further ones are counted only"))
+    }
+}
 
 impl Refusals {
     fn start() -> Self {
         let (found, said) = sync_channel::<(&'static str, String)>(MOST_WAITING);
         // A line must not be written while another is on its way through the layers: a thread of its own does it.
         let say = move || {
-            let mut known = BTreeSet::new();
+            let mut known = Said::default();
             while let Ok((kind, words)) = said.recv() {
                 metrics::counter!("repose_router_refused_total", "kind" => kind).increment(1);
-                if known.len() < MOST_SAID && known.insert(words.clone()) {
+                if let Some(words) = known.news(words, Instant::now()) {
                     tracing::error!(kind, "{words}");
                 }
             }
@@ -325,6 +357,20 @@ mod tests {
         let tried = format!("Using cached result: 3f is unauthorized to Put (ingress) on {key}");
         let (_, words) = refusals.refusal(ACCESS, &tried).expect("a refusal");
         assert!(words.contains("lo+anna may not Put at"), "the user is known from before: {words}");
+    }
+
+    #[test]
+    fn a_flood_of_refusals_is_said_up_to_a_bound_and_the_log_is_not_deaf_for_good() {
+        let (mut said, began) = (Said::default(), Instant::now());
+        let mut news = |words: &str, s: u64| said.news(words.to_owned(), began + Duration::from_secs(s));
+        for i in 0..MOST_SAID {
+            assert!(news(&format!("refusal {i}"), 0).is_some());
+        }
+        assert_eq!(news("refusal 0", 0), None, "each is said once");
+        assert!(news("one more", 0).is_some_and(|words| words.contains("counted only")), "that it falls silent is said");
+        let silent = SAYS_NO_MORE.as_secs() - 1;
+        assert_eq!((news("one more", 1), news("refused a login", silent)), (None, None));
+        assert_eq!(news("refused a login", silent + 1).as_deref(), Some("refused a login"));
     }
 
     #[test]
