@@ -77,10 +77,10 @@ impl Reports {
 
     /// Warns of a part. Another warning about the same is not logged until a report without one: words tell how late a picture was, or which scene
     /// could not be had, and are others with every picture.
-    pub fn warn(&self, part: &str, what: &'static str, words: String) {
+    pub fn warn(&self, part: &str, what: &'static str, words: &str) {
         let mut parts = self.parts();
         let held = parts.entry(part.to_owned()).or_default();
-        if held.warn(what, words.clone()) {
+        if held.warn(what, words.to_owned()) {
             tracing::warn!(part, "{words}");
         }
     }
@@ -136,13 +136,13 @@ mod tests {
     #[test]
     fn a_warning_is_there_until_a_report_without_it_and_a_stop_until_it_is_cleared() {
         let reports = Reports::default();
-        reports.warn("front", "pose", "no pose".to_owned());
+        reports.warn("front", "pose", "no pose");
         reports.count("front", "frames", 3);
         let levels = || reports.array("repose", 0).status.iter().map(|s| (s.level, s.message.clone())).collect::<Vec<_>>();
         assert_eq!(levels(), [(WARNING, "no pose".to_owned())]);
         assert_eq!(levels(), [(GOOD, "good".to_owned())]);
         reports.robot("front", RobotMode::Stopped, Some("estop: me".to_owned()));
-        reports.warn("front", "pose", "no pose".to_owned());
+        reports.warn("front", "pose", "no pose");
         assert_eq!(levels(), [(FAULT, "estop: me".to_owned())]);
         reports.robot("front", RobotMode::Idle, None);
         assert_eq!(levels(), [(GOOD, "standing".to_owned())]);

@@ -126,7 +126,7 @@ pub async fn run(
             Event::Stop(sample) => side.emergency_stop(&EmergencyStop::read(&sample.payload.bytes)),
             Event::Told(told) => side.told(told, now_ms()),
             Event::Joints(Ok(state)) => side.joints(&state, now_ms()),
-            Event::Joints(Err(error)) => reports.warn(&robot.name, "joints", format!("{}: {error}", robot.joint_states)),
+            Event::Joints(Err(error)) => reports.warn(&robot.name, "joints", &format!("{}: {error}", robot.joint_states)),
             // What would clear the stop, or begin something new, comes too late.
             Event::Command(_) if heeded.ends => {}
             Event::Command(sample) => {
