@@ -153,11 +153,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: DeployArgs,
-    }
+    type Line = crate::testing::Line<DeployArgs>;
 
     #[test]
     fn a_folder_on_another_machine_is_named_from_its_root() {
