@@ -15,7 +15,7 @@ use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
 
 use super::goal::goal_of;
-use super::side::{Do, RosSide, Told};
+use super::side::{Do, HandTold, RosSide, Told};
 use super::unended::BEFORE;
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
@@ -41,9 +41,15 @@ struct Controllers {
     arm: Arc<ArmClient>,
     hand: Option<Arc<HandClient>>,
     patience: Duration,
-    told: mpsc::Sender<Told>,
+    told: mpsc::Sender<Answer>,
     /// What the ids of this process's goals have in common.
     run: [u8; 8],
+}
+
+/// What a controller tells.
+enum Answer {
+    Arm(Told),
+    Hand(HandTold),
 }
 
 /// What a robot is told on both networks.
@@ -51,7 +57,7 @@ struct Heeded {
     stops: Subscription,
     commands: Subscription,
     joints: RosSubscription<JointState>,
-    told: mpsc::Receiver<Told>,
+    told: mpsc::Receiver<Answer>,
     arm: Arc<ArmClient>,
     hand: Option<Arc<HandClient>>,
     steps: Interval,
@@ -63,7 +69,7 @@ struct Heeded {
 /// What has come, or that it is time for a step.
 enum Event {
     Stop(Sample),
-    Told(Told),
+    Told(Answer),
     Joints(Result<JointState, BridgeError>),
     Command(Sample),
     Feedback,
@@ -103,7 +109,8 @@ pub async fn run(
         match event {
             // Whatever comes here stops the arm: its form is of no matter.
             Event::Stop(sample) => side.emergency_stop(&EmergencyStop::read(&sample.payload.bytes)),
-            Event::Told(told) => side.told(told, now_ms()),
+            Event::Told(Answer::Arm(told)) => side.told(told, now_ms()),
+            Event::Told(Answer::Hand(told)) => side.told_by_hand(told, now_ms()),
             Event::Joints(Ok(state)) => side.joints(&state, now_ms()),
             Event::Joints(Err(error)) => reports.warn(&robot.name, format!("{}: {error}", robot.joint_states)),
             // What would clear the stop, or begin something new, comes too late.
@@ -118,7 +125,7 @@ pub async fn run(
             }
             Event::Feedback => feedback += 1,
             Event::Stalled(goal) => {
-                controllers.number(goal).into_iter().for_each(|number| side.told(Told::Stalled(number), now_ms()));
+                controllers.number(goal).into_iter().for_each(|number| side.told_by_hand(HandTold::Stalled(number), now_ms()));
             }
             Event::Step => {}
             Event::End => side.end(),
@@ -171,7 +178,7 @@ impl Heeded {
         node: &Node,
         robot: &RobotConfig,
         controllers: &Controllers,
-        told: mpsc::Receiver<Told>,
+        told: mpsc::Receiver<Answer>,
         ending: &Shutdown,
     ) -> Result<Self, BridgeError> {
         let cell = session.cell();
@@ -238,7 +245,7 @@ async fn stalled(hand: Option<&HandClient>) -> GoalHandle {
 }
 
 impl Controllers {
-    async fn of(node: &Node, robot: &RobotConfig) -> Result<(Self, mpsc::Receiver<Told>), BridgeError> {
+    async fn of(node: &Node, robot: &RobotConfig) -> Result<(Self, mpsc::Receiver<Answer>), BridgeError> {
         let (told, receiver) = mpsc::channel(WAITING);
         let arm = Arc::new(ActionClient::new(node, &robot.trajectory_action, ActionTypes::FOLLOW_JOINT_TRAJECTORY).await?);
         let hand = match &robot.gripper_action {
@@ -283,8 +290,8 @@ impl Controllers {
                 tokio::spawn(async move {
                     // It is canceled again until its end is told, or the controller says that there is nothing to cancel.
                     match arm.cancel(id, patience).await {
-                        Ok(Canceled::NotThere) => drop(told.send(Told::NotThere(number)).await),
-                        Ok(Canceled::Ending) => drop(told.send(Told::Ending(number)).await),
+                        Ok(Canceled::NotThere) => drop(told.send(Answer::Arm(Told::NotThere(number))).await),
+                        Ok(Canceled::Ending) => drop(told.send(Answer::Arm(Told::Ending(number))).await),
                         Ok(answer) => tracing::debug!(action = arm.name(), number, ?answer, "a goal was canceled"),
                         // Of a controller that is not there yet the reports tell.
                         Err(error) if number == BEFORE => tracing::debug!(action = arm.name(), %error, "a cancel was not answered"),
@@ -298,7 +305,7 @@ impl Controllers {
                 tokio::spawn(async move {
                     // It is canceled again until its end is told, or, where that was not heard of, the controller says that there is nothing to cancel.
                     match hand.cancel(id, patience).await {
-                        Ok(Canceled::NotThere) => drop(told.send(Told::GripNotThere(number)).await),
+                        Ok(Canceled::NotThere) => drop(told.send(Answer::Hand(HandTold::NotThere(number))).await),
                         Ok(answer) => tracing::debug!(action = hand.name(), number, ?answer, "a goal was canceled"),
                         Err(error) => tracing::warn!(action = hand.name(), number, %error, "a cancel was not answered"),
                     }
@@ -309,7 +316,7 @@ impl Controllers {
                 let id = self.id(number);
                 tokio::spawn(async move {
                     let goal = GripperCommandGoal { position, max_effort };
-                    drop(told.send(grip(&hand, (number, id), goal, patience).await).await);
+                    drop(told.send(Answer::Hand(grip(&hand, (number, id), goal, patience).await)).await);
                 });
             }
         }
@@ -322,7 +329,7 @@ async fn follow(
     (number, id): (u64, GoalHandle),
     goal: FollowJointTrajectoryGoal,
     (patience, longest): (Duration, Duration),
-    told: &mpsc::Sender<Told>,
+    told: &mpsc::Sender<Answer>,
 ) {
     let answer = match arm.send(id, goal, patience).await {
         Ok(true) => Told::Accepted(number),
@@ -330,25 +337,25 @@ async fn follow(
         Err(error) => Told::Unanswered(number, error.to_string()),
     };
     let accepted = matches!(answer, Told::Accepted(_));
-    drop(told.send(answer).await);
+    drop(told.send(Answer::Arm(answer)).await);
     if accepted {
         let ended = match arm.result(id, longest).await {
             Ok(response) => Told::Ended(number, response.status, response.result),
             Err(error) => Told::Lost(number, error.to_string()),
         };
-        drop(told.send(ended).await);
+        drop(told.send(Answer::Arm(ended)).await);
     }
 }
 
 /// Sends the hand's goal and waits for its result; what came of it.
-async fn grip(hand: &HandClient, (number, id): (u64, GoalHandle), goal: GripperCommandGoal, patience: Duration) -> Told {
+async fn grip(hand: &HandClient, (number, id): (u64, GoalHandle), goal: GripperCommandGoal, patience: Duration) -> HandTold {
     match hand.send(id, goal, patience).await {
         Ok(true) => {}
-        Ok(false) => return Told::NotGripped(number, format!("{} refused the goal", hand.name())),
-        Err(error) => return Told::GripLost(number, error.to_string()),
+        Ok(false) => return HandTold::Refused(number, format!("{} refused the goal", hand.name())),
+        Err(error) => return HandTold::Lost(number, error.to_string()),
     }
     match hand.result(id, RESULT_MARGIN).await {
-        Ok(response) => Told::Gripped(number, response.status, response.result),
-        Err(error) => Told::GripLost(number, error.to_string()),
+        Ok(response) => HandTold::Ended(number, response.status, response.result),
+        Err(error) => HandTold::Lost(number, error.to_string()),
     }
 }
