@@ -90,7 +90,7 @@ pub fn check_scenes(split: Split, first: u64, count: u64) -> CommandResult {
         return Ok(());
     }
     let (name, scenes) = (split.name(), split.scenes());
-    Err(Failure::bad_input("first", format!("the split {name} has {scenes} scenes, and not {count} from number {first} on")))
+    Err(Failure::bad_input("first", format!("the split {name} has {scenes} scenes, too few for {count} from number {first} on")))
 }
 
 /// The threads to use: as many as asked for, or one a core.

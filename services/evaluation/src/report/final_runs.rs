@@ -54,8 +54,8 @@ pub enum FinalRunError {
     Dirty(String),
     /// Nobody knows which code it is.
     #[error(
-        "the commit of this program is not known: a run of `final` names the code that made it, so build it in a checkout, and run what cargo has \
-         built (target/release/repose, with its list repose.d beside it) there, with git at hand"
+        "the commit of this program is not known, and a run of `final` names it: build the program in a git checkout, and run it there where cargo \
+         has put it (target/release/repose, with repose.d beside it)"
     )]
     Unknown,
 }

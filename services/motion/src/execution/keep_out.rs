@@ -50,7 +50,7 @@ impl Zones<'_> {
                 Phase::Release => false,
                 _ => holds,
             };
-            // Fingers that close on something stop short of where they are sent, nobody can tell where: no further apart than they were.
+            // Fingers that close on something stop anywhere on the way to where they are sent: no further apart than they were.
             opening_m = phase.gripper.filter(|_| phase.name != Phase::Grasp).map_or(opening_m, |gripper| gripper.width_m);
             for (j, point) in phase.set_points.iter().enumerate() {
                 go_on()?;
@@ -87,7 +87,7 @@ impl Zones<'_> {
     }
 }
 
-/// Refuses a plan that carries something of a scene that nobody has: whether that keeps out of zones and clear of other robots cannot be told.
+/// Refuses a plan that carries an object where its scene is not known: without it the object cannot be checked against zones and other robots.
 ///
 /// # Errors
 /// `failed_precondition` on `scene_id`.
@@ -95,8 +95,8 @@ pub fn check_carried(plan: &MotionPlan, scene: Option<&Scene>) -> Result<(), Cal
     if scene.is_some() || plan.phases.iter().all(|phase| phase.name != Phase::Grasp) {
         return Ok(());
     }
-    let message = "neither motion nor perception has the plan's scene any more, so what it carries cannot be held against keep-out zones and \
-                   other robots: look again, and plan anew";
+    let message = "neither motion nor perception has the plan's scene any more, so what it carries cannot be checked against keep-out zones \
+                   and other robots: look again and plan anew";
     Err(CallError::precondition(message).at("scene_id"))
 }
 
@@ -117,7 +117,7 @@ fn way(a: &SetPoint, b: &SetPoint) -> Result<impl Iterator<Item = Joints>, CallE
     let most_rad = STEP_RAD * MOST_STEPS as f64;
     if farthest_rad.is_nan() || farthest_rad > most_rad {
         let message = format!(
-            "a joint would go {farthest_rad:.1} rad from the set-point before, at most {most_rad} rad can be held against keep-out zones"
+            "a joint would go {farthest_rad:.1} rad from the set-point before, at most {most_rad} rad can be checked against keep-out zones"
         );
         return Err(CallError::invalid("set_points", message));
     }

@@ -71,9 +71,8 @@ impl RobotStates {
             }
             let Some(nearest) = states.iter().min_by_key(|state| state.stamp_ns.abs_diff(stamp_ns)) else { continue };
             let Some(robot) = standing(name, nearest, nearest.q_rad, nearest.gripper_width_m) else {
-                let message = format!(
-                    "robot {name} does not say where its base stands (world_from_base): nobody can tell what shows of it from the rest of the picture"
-                );
+                let message =
+                    format!("robot {name} does not say where its base stands (world_from_base): it cannot be taken out of the picture");
                 warnings.push(SceneWarning { field: "robots".to_owned(), message });
                 continue;
             };

@@ -1,7 +1,7 @@
 //! RIHS01, the hash by which ROS 2 names a type: SHA-256 of the JSON of its description (REP 2016).
 //!
 //! A hash that is off by anything makes data vanish without a word, since it is part of every key. So hashes are computed from the
-//! definitions in `interfaces/`, and tests hold them against those that others publish.
+//! definitions in `interfaces/`, and tests compare them with those that others publish.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;

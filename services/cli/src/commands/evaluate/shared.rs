@@ -85,7 +85,7 @@ pub fn check_slots(first: u64, count: usize, slots: u64) -> CommandResult {
     if first.checked_add(count as u64).is_some_and(|end| end <= slots) {
         return Ok(());
     }
-    Err(Failure::bad_input("first", format!("a table has at most {slots} of each kind, and not {count} from number {first} on")))
+    Err(Failure::bad_input("first", format!("a table has at most {slots} of each kind, too few for {count} from number {first} on")))
 }
 
 /// Refuses a folder to which the report of a table cannot be written: after hours of making it that would be too late to say.

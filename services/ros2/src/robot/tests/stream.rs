@@ -9,7 +9,7 @@ use crate::config::RobotConfig;
 use crate::robot::side::{Do, Told};
 
 #[test]
-fn an_arm_is_held_against_the_limits_of_its_own_model() {
+fn an_arm_is_checked_against_the_limits_of_its_own_model() {
     // 2.4 rad/s at joint 1: an FR3 may 2.62, a Panda 2.175.
     for (model, stop) in [("panda", Some("joint_velocity_limit")), ("fr3", None)] {
         let mut trial = Trial::ready(RobotConfig { model: model.to_owned(), ..config(false) });

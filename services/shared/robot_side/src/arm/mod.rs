@@ -1,6 +1,6 @@
 //! The robot's side of the command keys: who may command, which set-points are followed, and when the arm stops by itself.
 //!
-//! One owner at a time, by growing epochs; set-points are interpolated (cubic Hermite) at 1 kHz of robot time and each is held against
+//! One owner at a time, by growing epochs; set-points are interpolated (cubic Hermite) at 1 kHz of robot time and each is checked against
 //! Franka's rules. A broken rule, a commander that falls silent (set-points run out, or the last command outlives its time to live) and an
 //! emergency stop bring the arm to rest within the limits of velocity, acceleration and jerk, and latch: only a command that clears the stop
 //! is accepted then. The rules refuse what could not be stopped any more, so whatever is sent, no limit is exceeded at any time.
@@ -29,7 +29,7 @@ use crate::stream::Stream;
 pub struct ArmSettings {
     /// What its state says that it is. Default: the Panda.
     pub model: Model,
-    /// What set-points are held against.
+    /// What set-points are checked against.
     pub rules: CommandRuleSettings,
     /// The share of the acceleration and jerk limits that a stop uses where there is room for it.
     pub gentle_share: f64,
