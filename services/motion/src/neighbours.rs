@@ -87,8 +87,8 @@ impl Neighbours {
         self.beside(robot).iter().flat_map(|neighbour| neighbour.solids(&self.world_from_base, ROOM_M)).collect()
     }
 
-    /// Checks that a robot that tells where its base stands has it where motions are planned for. Who carries a plan out cannot see where the robot
-    /// was thought to stand when it was made: another worker, which plans for that very place, would.
+    /// Checks that a robot that tells where its base stands has it where this worker plans for. A plan does not say for which base it was made, so a
+    /// worker that plans for the robot's true base would carry it out.
     ///
     /// # Errors
     /// Those of [`check_base`].

@@ -205,7 +205,7 @@ impl Execution {
         }
         let shown_seq = state.last_command.filter(|_| state.owner.as_ref() == Some(&self.owner)).unwrap_or(0);
         if shown_seq < self.shown_seq {
-            // It would take what is said again for something new, wherever everything stands by now.
+            // It would take a repeated command for a new one, wherever the arm stands by now.
             return self.stopped("the robot's side has started anew, and knows nothing of this task".to_owned());
         }
         self.shown_seq = shown_seq;

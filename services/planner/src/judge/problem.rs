@@ -94,8 +94,8 @@ impl<'a> PlacementProblem<'a> {
         self.turned.map_or_else(|| let_go.centroid(), carried)
     }
 
-    /// Where the centroid of what was observed of the object is from the centroid that candidates are given by, before a turn, seen from above,
-    /// metres: elsewhere only where the object was turned over.
+    /// From the centroid that candidates are given by to that of the object's observed points, before a turn, seen from above, metres: zero unless the
+    /// object was turned over.
     pub fn observed_offset(&self) -> Vector2<f32> {
         let apart = |turned: &Turned<'_>| (turned.observed_centroid - self.query.shape.centroid).xy().cast::<f32>();
         self.turned.map_or_else(Vector2::zeros, apart)

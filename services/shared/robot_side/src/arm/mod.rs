@@ -359,7 +359,7 @@ impl Arm {
         if command.gripper.is_some() {
             self.gripper = command.gripper;
             self.grasps = command.task.as_ref().and_then(|task| task.grasps.clone());
-            // A hand that holds something and is told to let go may never come to it: a stop drops the action, or the hand leaves it off.
+            // A hand that holds something and is told to let go may never do so: a stop drops the action, or the hand leaves it off.
             if self.grasps.is_some() || !self.grips {
                 self.in_hand.clone_from(&self.grasps);
             }
