@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::checks::{check_finite, check_range};
+use crate::message::{below, from_entry};
 use crate::{Bulk, CallError, RigidTransform, Tensor, limits};
 
 /// Intrinsics and, where known, the pose of a camera: the content of a frame folder's `camera.json`.
@@ -229,8 +230,8 @@ impl Frame {
     /// # Errors
     /// `invalid_argument` that names the field.
     pub fn from_bulk(bulk: &Bulk) -> Result<Self, CallError> {
-        let camera: CameraModel = crate::message::from_json(bulk.text("camera_json")?.as_bytes())?;
-        camera.validate()?;
+        let camera: CameraModel = from_entry(bulk, "camera_json")?;
+        camera.validate().map_err(|error| below("camera_json", error))?;
         let shape = [camera.height, camera.width];
         let expected = format!("{shape:?}");
         let flat = |s: &[usize]| s == shape;
@@ -267,13 +268,7 @@ impl Frame {
 
 /// A metadata entry that may be absent.
 fn optional_json<T: Default + serde::de::DeserializeOwned>(bulk: &Bulk, entry: &str) -> Result<T, CallError> {
-    let below = |error: CallError| {
-        let field = error.field.clone().unwrap_or_default();
-        let dot = if field.starts_with('[') { "" } else { "." };
-        error.at(format!("{entry}{dot}{field}"))
-    };
-    let read = |text: &String| crate::message::from_json(text.as_bytes()).map_err(below);
-    bulk.metadata.get(entry).map_or_else(|| Ok(T::default()), read)
+    if bulk.metadata.contains_key(entry) { from_entry(bulk, entry) } else { Ok(T::default()) }
 }
 
 /// The `stamp_ns` metadata entry.

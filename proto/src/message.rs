@@ -143,6 +143,24 @@ pub fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CallError> {
     Ok(value)
 }
 
+/// Reads a metadata entry of JSON; an error names the field by its path below the entry.
+///
+/// # Errors
+/// `invalid_argument`.
+pub fn from_entry<T: DeserializeOwned>(bulk: &Bulk, entry: &str) -> Result<T, CallError> {
+    from_json(bulk.text(entry)?.as_bytes()).map_err(|error| below(entry, error))
+}
+
+/// The error of a part of a message, with its field named from the message's top. What is no JSON at all is the fault of the part as a whole.
+pub fn below(part: &str, error: CallError) -> CallError {
+    let field = match error.field.as_deref() {
+        None | Some("payload") => part.to_owned(),
+        Some(field) if field.starts_with('[') => format!("{part}{field}"),
+        Some(field) => format!("{part}.{field}"),
+    };
+    error.at(field)
+}
+
 /// Reads JSON that a person wrote: as [`from_json`], and refuses fields at the top that `T` does not have, even where `T` ignores them on the
 /// wire for the sake of newer senders. A misspelt name in a file is a mistake.
 ///

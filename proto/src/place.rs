@@ -178,7 +178,7 @@ pub struct PlaceRequest {
     /// Whether the object may be turned.
     #[serde(default)]
     pub rotation: Rotation,
-    /// Boxes to stay inside or out of.
+    /// Boxes to stay inside or out of, 64 at most.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub region: Vec<RegionBox>,
     /// Least [`Placement::clearance_m`], metres, 1 at most: farther than that around an object, a view seldom shows what is there.
@@ -252,6 +252,7 @@ impl Message for PlaceRequest {
         self.min_clearance_m.map_or(Ok(()), |v| check_range("min_clearance_m", v, 0.0..=limits::MAX_CLEARANCE_M))?;
         self.min_success.map_or(Ok(()), |v| check_range("min_success", v, 0.0..=1.0))?;
         self.robot.as_ref().map_or(Ok(()), |robot| robot.validate("robot"))?;
+        check_range("region", self.region.len() as f64, 0.0..=limits::MAX_REGIONS as f64)?;
         for (i, region) in self.region.iter().enumerate() {
             check_finite(&format!("region[{i}].min_m"), &region.min_m)?;
             check_finite(&format!("region[{i}].max_m"), &region.max_m)?;

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::checks::check_range;
+use crate::message::{below, from_entry};
 use crate::{Bulk, CallError, CameraModel, Message, Tensor, limits};
 
 /// How a request names its scene. The bulk form of a request encloses the scene itself beside this id.
@@ -372,8 +373,8 @@ impl Scene {
             false => None,
         };
         let description = bulk.text("scene")?;
-        let meta: SceneMeta = crate::message::from_json(description.as_bytes())?;
-        meta.camera.validate()?;
+        let meta: SceneMeta = from_entry(bulk, "scene")?;
+        meta.camera.validate().map_err(|error| below("scene.camera", error))?;
         if meta.camera.world_from_camera.is_none() {
             return Err(CallError::invalid("scene.camera.world_from_camera", "a scene's camera must have a pose"));
         }

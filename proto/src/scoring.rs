@@ -62,6 +62,19 @@ pub struct MixtureComponent {
     pub yaw_concentration: f64,
 }
 
+impl MixtureComponent {
+    /// Checks that it has a density: without a width, or with a weight below 0, every cost that is made of it would be no number.
+    fn validate(&self, field: &str) -> Result<(), CallError> {
+        check_range(&format!("{field}.weight"), self.weight, 0.0..=1e6)?;
+        check_finite(&format!("{field}.mean_m"), &self.mean_m)?;
+        for (k, sigma) in self.sigma_m.iter().enumerate() {
+            check_range(&format!("{field}.sigma_m[{k}]"), *sigma, f64::MIN_POSITIVE..=1e6)?;
+        }
+        check_finite(&format!("{field}.yaw_mean_rad"), &[self.yaw_mean_rad])?;
+        check_range(&format!("{field}.yaw_concentration"), self.yaw_concentration, 0.0..=1e6)
+    }
+}
+
 /// The answer to a [`PriorRequest`]; in bulk form with `candidates` f32 `[n, 4]` and `components` u8 `[n]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PriorReply {
@@ -100,6 +113,7 @@ impl PriorReply {
     /// `invalid_argument` that names the field.
     pub fn from_bulk(bulk: &Bulk) -> Result<Self, CallError> {
         let mut reply: Self = crate::message::from_json(bulk.text("reply")?.as_bytes())?;
+        reply.mixture.iter().enumerate().try_for_each(|(i, component)| component.validate(&format!("mixture[{i}]")))?;
         reply.candidates = bulk.finite_rows::<4>("candidates")?;
         let n = reply.candidates.len();
         reply.components = bulk.values::<u8>("components", Dtype::U8, &format!("[{n}]"), |s| s == [n])?.1;
@@ -158,8 +172,21 @@ impl Message for ScoreRequest {
         self.scene.validate()?;
         check_finite("view_yaw_rad", &[self.view_yaw_rad])?;
         check_range("anchors", self.anchors.len() as f64, 0.0..=limits::MAX_GOAL_TERMS as f64)?;
-        check_range("candidates", self.candidates.len() as f64, 0.0..=limits::MAX_CANDIDATES as f64)
+        check_range("candidates", self.candidates.len() as f64, 0.0..=limits::MAX_CANDIDATES as f64)?;
+        self.candidates.iter().enumerate().try_for_each(|(i, [x, y, z, _])| check_place(&format!("candidates[{i}]"), &[*x, *y, *z]))
     }
+}
+
+/// Refuses a candidate's place, metres, so far away that the networks' numbers overflow: what they answered would be no number.
+///
+/// # Errors
+/// `invalid_argument` that names `field`.
+pub fn check_place(field: &str, place: &[f32; 3]) -> Result<(), CallError> {
+    let most_m = limits::MAX_CANDIDATE_COORDINATE_M;
+    if place.iter().all(|v| v.abs() <= most_m) {
+        return Ok(());
+    }
+    Err(CallError::invalid(field, format!("expected a place within {most_m} m of the origin, got {place:?}")))
 }
 
 impl ScoreRequest {

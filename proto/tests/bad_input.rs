@@ -25,7 +25,7 @@ fn place_json(edit: impl FnOnce(&mut serde_json::Value)) -> Result<PlaceRequest,
 #[test]
 fn a_place_request_names_the_field_at_fault() {
     type Edit = fn(&mut serde_json::Value);
-    let cases: [(&str, Edit); 19] = [
+    let cases: [(&str, Edit); 20] = [
         ("colour", |v| v["colour"] = "red".into()),
         ("goal[0].relation", |v| v["goal"][0]["relation"] = "beside".into()),
         ("goal[0].sure", |v| v["goal"][0]["sure"] = true.into()),
@@ -41,6 +41,7 @@ fn a_place_request_names_the_field_at_fault() {
         ("budget.batch", |v| v["budget"]["batch"] = 100_000.into()),
         ("thresholds.realism", |v| v["thresholds"]["realism"] = 1.5.into()),
         ("region[0]", |v| v["region"][0]["min_m"] = serde_json::json!([2.0, 0.0, 0.0])),
+        ("region", |v| v["region"] = vec![v["region"][0].clone(); limits::MAX_REGIONS + 1].into()),
         ("variant", |v| v["variant"] = "better".into()),
         ("min_success", |v| v["min_success"] = 1.25.into()),
         ("robot.name", |v| v["robot"] = serde_json::json!({"name": "Arm 1"})),
@@ -113,6 +114,31 @@ fn scores_that_are_not_finite_are_refused() {
     assert_eq!(read(reply(0.1, 0.2)).unwrap(), reply(0.1, 0.2));
     assert_eq!(field(&read(reply(f32::NAN, 0.2)).unwrap_err()), "relations[1]");
     assert_eq!(field(&read(reply(0.1, f32::INFINITY)).unwrap_err()), "realism[1]");
+}
+
+#[test]
+fn candidates_that_are_too_far_away_to_be_scored_are_refused() {
+    let asked = |x: f32| {
+        let request = ScoreRequest { candidates: vec![[0.0; 4], [0.0, x, 0.0, 1e30]], ..score_request() };
+        ScoreRequest::from_bulk(&request.to_bulk(None)).map(drop)
+    };
+    assert_eq!(asked(-limits::MAX_CANDIDATE_COORDINATE_M), Ok(()));
+    assert_eq!(field(&asked(1e20).unwrap_err()), "candidates[1]");
+}
+
+#[test]
+fn a_prior_without_a_density_is_refused() {
+    type Edit = fn(&mut scoring::MixtureComponent);
+    let cases: [(&str, Edit); 3] = [
+        ("mixture[0].sigma_m[1]", |c| c.sigma_m[1] = 0.0),
+        ("mixture[0].weight", |c| c.weight = -0.5),
+        ("mixture[0].yaw_concentration", |c| c.yaw_concentration = -1.0),
+    ];
+    for (expected, edit) in cases {
+        let mut reply = prior_reply();
+        edit(&mut reply.mixture[0]);
+        assert_eq!(field(&scoring::PriorReply::from_bulk(&reply.to_bulk()).unwrap_err()), expected);
+    }
 }
 
 #[test]
@@ -205,6 +231,30 @@ fn metadata_that_is_missing_or_garbled_is_named() {
     assert_eq!(field(&Frame::from_bulk(&bulk).unwrap_err()), "camera");
     bulk.tensors.remove("depth");
     assert_eq!(field(&Frame::from_bulk(&bulk).unwrap_err()), "depth");
+}
+
+#[test]
+fn what_is_wrong_in_an_entry_is_named_below_it() {
+    let mut wrong = scene();
+    wrong.meta.camera.fx = 0.0;
+    assert_eq!(field(&Scene::from_bulk(&wrong.to_bulk()).unwrap_err()), "scene.camera.fx");
+    let wrong = Frame { camera: CameraModel { depth_unit_m: -1.0, ..camera() }, ..frame() };
+    assert_eq!(field(&Frame::from_bulk(&wrong.to_bulk()).unwrap_err()), "camera_json.depth_unit_m");
+    let with = |entry: &str, text: &str| {
+        let (mut scene, mut frame) = (scene().to_bulk(), frame().to_bulk());
+        [&mut scene, &mut frame].into_iter().for_each(|bulk| drop(bulk.metadata.insert(entry.to_owned(), text.to_owned())));
+        let read = if entry == "scene" { Scene::from_bulk(&scene).map(drop) } else { Frame::from_bulk(&frame).map(drop) };
+        read.unwrap_err()
+    };
+    for (entry, text, expected) in [
+        ("scene", "{\"objects\": [7]}", "scene.objects[0]"),
+        ("scene", "seen", "scene"),
+        ("camera_json", "{\"width\": -1}", "camera_json.width"),
+        ("hints", "hm", "hints"),
+        ("robots", "[7]", "robots[0]"),
+    ] {
+        assert_eq!(field(&with(entry, text)), expected);
+    }
 }
 
 #[test]

@@ -53,7 +53,7 @@ pub fn segment_view(frame: &Frame, segmented: &Segmented) -> RgbImage {
 
 /// The depth counts below and above which two in a hundred readings lie.
 fn depth_range(frame: &Frame) -> (f64, f64) {
-    let mut readings: Vec<u16> = frame.depth.iter().copied().filter(|d| *d > 0).collect();
+    let mut readings: Vec<u16> = frame.depth.iter().copied().filter(|d| Frame::is_reading(*d)).collect();
     readings.sort_unstable();
     let at = |share: f64| readings.get((readings.len() as f64 * share) as usize).map_or(0.0, |d| f64::from(*d));
     (at(0.02), at(0.98).max(at(0.02) + 1.0))
@@ -63,7 +63,7 @@ fn depth_range(frame: &Frame) -> (f64, f64) {
 fn depth_panel(frame: &Frame, near: f64, far: f64) -> RgbImage {
     let width = frame.camera.width;
     RgbImage::from_fn(width as u32, frame.camera.height as u32, |u, v| match frame.depth[v as usize * width + u as usize] {
-        0 => Rgb([0; 3]),
+        count if !Frame::is_reading(count) => Rgb([0; 3]),
         count => Rgb(rainbow(((f64::from(count) - near) / (far - near)).clamp(0.0, 1.0))),
     })
 }
@@ -175,7 +175,20 @@ fn middle_of(labels: &Image<u16>, id: u16) -> Option<(i64, i64)> {
 
 #[cfg(test)]
 mod tests {
+    use repose_proto::CameraModel;
+
     use super::*;
+
+    #[test]
+    fn the_greatest_count_is_no_reading_in_the_picture_of_depth() {
+        let camera = CameraModel { width: 4, height: 1, fx: 9.0, fy: 9.0, cx: 1.5, cy: 0.0, depth_unit_m: 1e-3, world_from_camera: None };
+        let frame = Frame::new("test".to_owned(), 0, camera, vec![0, 500, 1000, u16::MAX]);
+        let (near, far) = depth_range(&frame);
+        assert_eq!((near, far), (500.0, 1000.0));
+        let panel = depth_panel(&frame, near, far);
+        let is_black = |u: u32| panel.get_pixel(u, 0).0 == [0; 3];
+        assert_eq!([0, 1, 2, 3].map(is_black), [true, false, false, true]);
+    }
 
     #[test]
     fn a_number_stays_off_the_rim_and_in_the_middle_of_what_is_smaller_than_two_rims() {

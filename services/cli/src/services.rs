@@ -48,6 +48,8 @@ impl ServiceConfigs {
     /// Checks what the types cannot and what needs no network to be checked.
     fn validate(&self) -> Result<(), Failure> {
         self.perception.validate()?;
+        self.inference.validate()?;
+        self.planner.validate()?;
         self.motion.validate().map_err(|e| Failure::bad_input(&format!("motion.{}", e.field), e.message))
     }
 

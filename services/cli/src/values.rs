@@ -90,7 +90,9 @@ pub fn check_scenes(split: Split, first: u64, count: u64) -> CommandResult {
         return Ok(());
     }
     let (name, scenes) = (split.name(), split.scenes());
-    Err(Failure::bad_input("first", format!("the split {name} has {scenes} scenes, too few for {count} from number {first} on")))
+    // Not every command has both options: from the first scene on it is their number that is at fault.
+    let field = if first == 0 { "scenes" } else { "first" };
+    Err(Failure::bad_input(field, format!("the split {name} has {scenes} scenes, too few for {count} from number {first} on")))
 }
 
 /// The threads to use: as many as asked for, or one a core.
@@ -129,6 +131,14 @@ mod tests {
             [SceneKind::Shelf, SceneKind::Pile]
         );
         assert_eq!(distinct_or(&[], &SceneKind::ALL), SceneKind::ALL);
+    }
+
+    #[test]
+    fn scenes_beyond_the_split_are_blamed_on_the_option_that_asks_for_them() {
+        let field = |first, count| check_scenes(Split::Validation, first, count).unwrap_err().error().and_then(|e| e.field.clone());
+        assert_eq!(field(0, u64::MAX).as_deref(), Some("scenes"));
+        assert_eq!(field(Split::Validation.scenes(), 1).as_deref(), Some("first"));
+        assert!(check_scenes(Split::Validation, 0, Split::Validation.scenes()).is_ok());
     }
 
     #[test]

@@ -103,12 +103,17 @@ impl Console {
     /// When the listener fails.
     pub async fn serve(self, shutdown: Shutdown) -> Result<(), ConsoleError> {
         let pages = endpoints::router(self.state, shutdown.clone());
-        let ended = async move { shutdown.requested().await };
+        let asked = shutdown.clone();
+        let ended = async move { asked.requested().await };
         match self.tls {
-            None => axum::serve(silence::Listener(self.listener), pages).with_graceful_shutdown(ended).await?,
+            None => {
+                let serving = axum::serve(silence::Listener(self.listener), pages).with_graceful_shutdown(ended);
+                silence::until_answered(serving.into_future(), &shutdown).await?;
+            }
             Some(acceptor) => {
                 let listener = tls::Listener::new(self.listener, acceptor)?;
-                axum::serve(silence::Listener(listener), pages).with_graceful_shutdown(ended).await?;
+                let serving = axum::serve(silence::Listener(listener), pages).with_graceful_shutdown(ended);
+                silence::until_answered(serving.into_future(), &shutdown).await?;
             }
         }
         Ok(())

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use repose_runtime::{RuntimeError, check_counts};
 use serde::Deserialize;
 
 /// Configuration of an inference worker. Unknown fields are refused.
@@ -49,11 +50,32 @@ impl Default for InferenceConfig {
 }
 
 impl InferenceConfig {
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// [`RuntimeError::Config`] that names the field.
+    pub fn validate(&self) -> Result<(), RuntimeError> {
+        check_counts("inference", &[("queue_capacity", self.queue_capacity), ("max_batch", self.max_batch)])
+    }
+
     /// The threads to use.
     pub fn actual_threads(&self) -> usize {
         match self.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
             threads => threads,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_queue_without_places_is_refused_by_name() {
+        assert!(InferenceConfig::default().validate().is_ok());
+        let refused = InferenceConfig { queue_capacity: 0, ..InferenceConfig::default() }.validate().unwrap_err();
+        assert!(refused.to_string().contains("queue_capacity"), "{refused}");
+        assert!(InferenceConfig { max_batch: 0, ..InferenceConfig::default() }.validate().is_err());
     }
 }

@@ -102,6 +102,7 @@ async fn loaded(config: InferenceConfig) -> Result<Engine, InferenceError> {
 /// # Errors
 /// [`InferenceError`].
 pub async fn run(session: Session, config: InferenceConfig, shutdown: Shutdown) -> Result<(), InferenceError> {
+    config.validate()?;
     // Looked at before it is read: what replaces it meanwhile is then seen as new.
     let version = weights_file::Version::of(&config);
     let engine = loaded(config.clone()).await?;

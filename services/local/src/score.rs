@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector3};
 use repose_geometry::transform::{from_row_major, yaw_of};
 use repose_inference::HeldScene;
-use repose_proto::scoring::{RealismBy, ScoreRequest};
+use repose_proto::scoring::{RealismBy, ScoreRequest, check_place};
 use repose_proto::{CallError, RELATION_COUNT, Scene, SceneRef, limits};
 
 use crate::models::LocalModels;
@@ -47,6 +47,7 @@ pub fn score(
             return Err(CallError::invalid(&field, "only turns about world z can be scored"));
         }
         let position = (placed_from_observed * centroid).cast::<f32>();
+        check_place(&field, &position.coords.into())?;
         Ok([position.x, position.y, position.z, yaw_of(&placed_from_observed) as f32])
     });
     let held = HeldScene::new(scene.id(), scene.clone());

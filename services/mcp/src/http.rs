@@ -72,11 +72,13 @@ impl BoundServer {
         let (agents, ending) = protocol::http(desk);
         let door = Arc::new(Door { token: self.token, hosts: self.hosts });
         let routes = Router::new().merge(agents).layer(from_fn(watched)).layer(from_fn_with_state(door, guarded));
+        let asked = shutdown.clone();
         let ended = async move {
-            shutdown.requested().await;
+            asked.requested().await;
             ending.cancel();
         };
-        let served = axum::serve(silence::Listener(self.listener), routes).with_graceful_shutdown(ended).await;
+        let serving = axum::serve(silence::Listener(self.listener), routes).with_graceful_shutdown(ended);
+        let served = silence::until_answered(serving.into_future(), &shutdown).await;
         served.map_err(|e| McpError::Serve(e.to_string()))
     }
 }

@@ -29,8 +29,8 @@ const LEAST_SHARE: f64 = 0.01;
 pub struct MotionConfig {
     /// Where the robot's base stands in the world: 16 numbers, row-major. Default: the base is the world.
     pub world_from_base: [f64; 16],
-    /// The robot's model, `panda` or `fr3`: under whose limits motions are planned. Default `panda`. A robot that says another model of itself is
-    /// not moved.
+    /// The robot's model, `panda` or `fr3`: under whose limits motions are planned, less what its drivers keep off them (5 mrad of each end of a
+    /// joint's range; up to 3 % of the speed). Default `panda`. A robot that says another model of itself is not moved.
     pub robot_model: String,
     /// Share of the joints' velocity limits used in free space, 0.01 to a little below 1: the robot's cubics exceed it by a hair. Default 0.5;
     /// higher is faster.
@@ -196,6 +196,8 @@ impl MotionConfig {
         within("grip_force_n", self.grip_force_n, 1.0, 70.0)?;
         within("grip_force_max_n", self.grip_force_max_n, self.grip_force_n, 70.0)?;
         within("release_m", self.release_m, 0.0, 0.05)?;
+        within("threads", self.threads as f64, 1.0, 1024.0)?;
+        within("queue", self.queue as f64, 1.0, 1e6)?;
         within("grasps", self.grasps as f64, 1.0, 10_000.0)?;
         within("rrt_iterations", self.rrt_iterations as f64, 1.0, 1e6)?;
         let mut settings = PickPlaceSettings {
@@ -208,7 +210,7 @@ impl MotionConfig {
             grip_force_max_n: self.grip_force_max_n,
             ..PickPlaceSettings::default()
         };
-        let limits = self.model()?.limits();
+        let limits = self.model()?.driven_limits();
         settings.reach.inverse.limits = limits.approachable(SLOWEST_RAD_S);
         settings.timing = TimingSettings {
             limits,
@@ -361,7 +363,7 @@ mod tests {
 
     /// The fastest that is accepted with set-points so far apart and a share of the jerk that may then be used.
     fn fastest(model: Model, set_point_period_ms: f64, jerk_share: f64) -> MotionConfig {
-        let (robot_model, limits) = (model.name().to_owned(), model.limits());
+        let (robot_model, limits) = (model.name().to_owned(), model.driven_limits());
         let whole = MotionConfig { robot_model, set_point_period_ms, jerk_scale: 1.0, ..MotionConfig::default() };
         let jerky = MotionConfig { jerk_scale: jerk_share / whole.jerk_seen(), velocity_scale: 0.0, acceleration_scale: 0.0, ..whole };
         let (velocity_scale, acceleration_scale) = (1.0 - jerky.velocity_seen(&limits), 1.0 - jerky.acceleration_seen(&limits));
@@ -372,13 +374,13 @@ mod tests {
         #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
 
         #[test]
-        fn what_the_robot_makes_of_the_fastest_set_points_keeps_frankas_rules(
+        fn what_a_driver_makes_of_the_fastest_set_points_keeps_its_rules(
             ways in prop::collection::vec(prop::array::uniform7(0.02..0.98f64), 2..4),
             period_ms in 1.0..30.0f64,
             jerk_share in 0.2..0.999_999f64,
             model in prop_oneof![Just(Model::Panda), Just(Model::Fr3)],
         ) {
-            let (config, limits) = (fastest(model, period_ms, jerk_share), model.limits());
+            let (config, limits) = (fastest(model, period_ms, jerk_share), model.driven_limits());
             prop_assert!(config.terms().is_ok());
             let corners: Vec<Joints> = ways.iter().map(|way| limits.approachable(SLOWEST_RAD_S).between(way)).collect();
             let trajectory = Trajectory::new(&corners, &config.planning().unwrap().timing).unwrap();
@@ -393,6 +395,27 @@ mod tests {
             };
             let followed: Vec<Joints> = (0..(end_s * 1e3) as usize + 5).map(at).collect();
             prop_assert_eq!(CommandRules::check(&followed[0], &followed, CommandRuleSettings { limits, ..CommandRuleSettings::default() }), Ok(()));
+        }
+    }
+
+    #[test]
+    fn a_queue_without_places_and_a_crew_of_nobody_are_refused_by_name() {
+        let refused = |config: MotionConfig| config.validate().unwrap_err().field;
+        assert_eq!(refused(MotionConfig { queue: 0, ..MotionConfig::default() }), "queue");
+        assert_eq!(refused(MotionConfig { threads: 0, ..MotionConfig::default() }), "threads");
+    }
+
+    #[test]
+    fn nothing_is_planned_to_where_a_driver_of_the_arm_does_not_go_or_faster_than_it_goes() {
+        for model in Model::ALL {
+            let config = MotionConfig { robot_model: model.name().to_owned(), ..MotionConfig::default() };
+            let (planning, driven) = (config.planning().unwrap(), model.driven_limits());
+            assert_eq!(planning.timing.limits, driven);
+            let drawn_from = planning.reach.inverse.limits;
+            for corner in [drawn_from.between(&[0.0; JOINT_COUNT]), drawn_from.between(&[1.0; JOINT_COUNT])] {
+                assert!(driven.contains(&corner, 0.0), "{corner:?}");
+                assert!((0..JOINT_COUNT).all(|i| [1.0, -1.0].iter().all(|way| driven.speed_at(i, corner[i], *way) > 0.0)));
+            }
         }
     }
 

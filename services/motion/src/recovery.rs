@@ -151,11 +151,12 @@ impl<'a> Recovery<'a> {
 
     /// The next posture of the retreat.
     fn step(&self, last: &Joints, base_from_tcp: &Isometry3<f64>, exempt: &mut [bool; SPHERE_COUNT]) -> Result<Joints, Stuck> {
-        let next = inverse_near(base_from_tcp, last, &self.settings.inverse).map_err(|_| Stuck::Unreachable)?;
+        let inverse = self.inverse_from(last);
+        let next = inverse_near(base_from_tcp, last, &inverse).map_err(|_| Stuck::Unreachable)?;
         if (0..JOINT_COUNT).any(|i| (next[i] - last[i]).abs() > JUMP_RAD) {
             return Err(Stuck::Unreachable);
         }
-        if let Some(joint) = self.settings.inverse.limits.outside(&next, 0.0) {
+        if let Some(joint) = inverse.limits.outside(&next, 0.0) {
             return Err(Stuck::Contact(Contact::Limits(joint)));
         }
         let touching = self.touching(&next);
@@ -171,6 +172,11 @@ impl<'a> Recovery<'a> {
         Ok(next)
     }
 
+    /// Where the arm may go on to: within what planning keeps to, and where it has been stopped, or moved by hand, beyond that, back from there.
+    fn inverse_from(&self, joints: &Joints) -> InverseSettings {
+        InverseSettings { limits: self.settings.inverse.limits.including(joints), ..self.settings.inverse }
+    }
+
     /// The way to the ready pose; none when the arm is there.
     ///
     /// # Errors
@@ -184,7 +190,7 @@ impl<'a> Recovery<'a> {
             world_from_base,
             padding_m: self.settings.padding_m,
             finger_opening_m: self.finger_opening_m,
-            limits: self.settings.inverse.limits,
+            limits: self.inverse_from(&self.start).limits,
             ..ArmCollisionSettings::default()
         };
         let obstacles = [&self.obstacles];
@@ -232,7 +238,7 @@ mod tests {
     use crate::pick_place::plan::Phase;
     use crate::pick_place::{PickPlaceRequest, pick_place};
     use crate::synthetic;
-    use repose_panda::{FINGER_OPENING_MAX_M, LIMITS};
+    use repose_panda::{FINGER_OPENING_MAX_M, FR3_LIMITS, LIMITS};
 
     fn settings() -> RecoverySettings {
         RecoverySettings::of(&PickPlaceSettings::default(), 0.2)
@@ -273,6 +279,27 @@ mod tests {
             let start = [READY[0], READY[1], READY[2], READY[3], READY[4], READY[5], last_rad];
             let (_, retreated_m) = Recovery::new(&start, FINGER_OPENING_MAX_M, None, &settings).retreat().unwrap();
             assert!((retreated_m - 0.1).abs() < 1e-9, "{retreated_m}");
+        }
+    }
+
+    #[test]
+    fn an_arm_that_stands_nearer_to_a_limit_than_motions_are_planned_backs_off_and_goes_home() {
+        let timing = TimingSettings { limits: FR3_LIMITS, ..TimingSettings::default() };
+        let mut planning = PickPlaceSettings { timing, ..PickPlaceSettings::default() };
+        planning.reach.inverse.limits = FR3_LIMITS.approachable(0.1);
+        let settings = RecoverySettings::of(&planning, 0.2);
+        // An FR3 allows no speed towards its limit there.
+        for last_rad in [FR3_LIMITS.position_lower_rad[6] + 0.001, FR3_LIMITS.position_upper_rad[6] - 0.001] {
+            let start = [READY[0], READY[1], READY[2], READY[3], READY[4], READY[5], last_rad];
+            let recovery = Recovery::new(&start, FINGER_OPENING_MAX_M, None, &settings);
+            let (back, retreated_m) = recovery.retreat().unwrap();
+            assert!((retreated_m - 0.1).abs() < 1e-9, "{retreated_m}");
+            let home = recovery.home(&|| false).unwrap().expect("a way");
+            assert_eq!((back.end()[6], home.end()), (last_rad, &READY));
+            for trajectory in [back, home] {
+                assert!(trajectory.duration_s() < 60.0, "{} s", trajectory.duration_s());
+                assert!(trajectory.sampled(0.01).all(|(_, point)| FR3_LIMITS.contains(&point.position_rad, 0.0)));
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use repose_proto::CallError;
+use repose_proto::keys::validate_chunk;
 use serde::Deserialize;
 
 use crate::cameras::pace::{PAUSE, PaceSettings};
@@ -77,6 +78,12 @@ impl PerceptionConfig {
     /// # Errors
     /// `invalid_argument` that names the field.
     pub fn validate(&self) -> Result<(), CallError> {
+        for (field, count) in [("max_cameras", self.max_cameras), ("threads", self.threads), ("queue_capacity", self.queue_capacity)] {
+            if count == 0 {
+                return Err(CallError::invalid(format!("perception.{field}"), "expected at least 1, got 0"));
+            }
+        }
+        self.cameras.iter().try_for_each(|camera| validate_chunk("perception.cameras", camera))?;
         self.segmentation.validate("perception.segmentation")
     }
 
@@ -122,6 +129,15 @@ mod tests {
         let named = config.validate().unwrap_err().field;
         assert_eq!(named.as_deref(), Some("perception.segmentation.surfaces.tolerance_m"));
         assert!(PerceptionConfig::default().validate().is_ok());
+    }
+
+    #[test]
+    fn a_count_of_none_and_a_camera_that_cannot_be_are_named() {
+        let named = |text: &str| serde_json::from_str::<PerceptionConfig>(text).unwrap().validate().unwrap_err().field.unwrap();
+        for field in ["max_cameras", "threads", "queue_capacity"] {
+            assert_eq!(named(&format!(r#"{{"{field}": 0}}"#)), format!("perception.{field}"));
+        }
+        assert_eq!(named(r#"{"cameras": ["front", "Front Camera"]}"#), "perception.cameras");
     }
 
     #[test]

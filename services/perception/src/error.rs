@@ -1,6 +1,7 @@
 //! Why a frame gives no scene.
 
 use repose_geometry::transform::NotRigid;
+use repose_proto::limits::MAX_COORDINATE_M;
 use repose_proto::{CallError, ErrorCode};
 
 /// Why a frame gave no scene.
@@ -12,6 +13,15 @@ pub enum SegmentError {
     /// The camera's pose is not a rigid transform.
     #[error("world_from_camera: {0}")]
     Pose(#[from] NotRigid),
+    /// What the frame shows may lie farther from the world's origin than a scene's points may.
+    #[error(
+        "what it shows may lie {reach_m:.0} m from the world's origin, and a scene reaches {} m: is the camera's place in millimetres?",
+        MAX_COORDINATE_M
+    )]
+    TooFar {
+        /// How far from the origin it may lie, along one of the axes, metres.
+        reach_m: f64,
+    },
     /// No pixel has a depth within range.
     #[error("none of {pixels} pixels has a reading between 0 and {max_depth_m} m{}", nearest_in_words(*nearest_m))]
     NoReadings {
@@ -55,7 +65,7 @@ impl From<SegmentError> for CallError {
         let message = error.to_string();
         match error {
             SegmentError::Frame(error) => error,
-            SegmentError::Pose(_) => Self::invalid("world_from_camera", message),
+            SegmentError::Pose(_) | SegmentError::TooFar { .. } => Self::invalid("world_from_camera", message),
             SegmentError::NoReadings { .. } => Self::invalid("depth", message),
             SegmentError::RobotsOnly { .. } => Self::invalid("robots", message),
             SegmentError::NothingLeft { .. } => Self::invalid("labels", message),

@@ -156,16 +156,19 @@ fn doubts(
 ) -> Vec<SceneWarning> {
     /// No depth camera measures below this, metres.
     const NEAREST_M: f32 = 0.05;
-    /// A place of a few decimetres that is taken for metres lies beyond this; halls and yards do not, metres.
+    /// A place of a few decimetres that is taken for metres lies beyond this, metres, …
     const FARTHEST_M: f64 = 100.0;
+    /// … and higher or lower than this, metres: a camera stands beside an origin by some centimetres at least. On a map, however large, it does not.
+    const HIGHEST_M: f64 = 20.0;
     let readings = || coarse.depth_m.pixels().iter().filter(|z| !z.is_nan());
     let near = readings().filter(|z| **z < NEAREST_M).count();
     if 2 * near > readings().count() {
         let message = format!("most readings are nearer than {:.0} mm: is it metres per count?", NEAREST_M * 1e3);
         return vec![SceneWarning { field: "depth_unit_m".to_owned(), message }];
     }
-    let from_origin_m = coarse.world_from_camera.translation.vector.norm();
-    if world_frame == WorldFrame::Extrinsics && from_origin_m > FARTHEST_M {
+    let camera_m = coarse.world_from_camera.translation.vector;
+    let from_origin_m = camera_m.norm();
+    if world_frame == WorldFrame::Extrinsics && from_origin_m > FARTHEST_M && camera_m.z.abs() > HIGHEST_M {
         let message = format!("the camera stands {from_origin_m:.0} m from the world's origin: is its place in millimetres?");
         return vec![SceneWarning { field: "world_from_camera".to_owned(), message }];
     }
@@ -370,8 +373,29 @@ mod tests {
             segment(&Frame { camera, ..frame.clone() }, &Settings::default()).unwrap().meta.warnings
         };
         assert!(warned(1.0).is_empty(), "{:?}", warned(1.0));
+        let on_a_map = Isometry3::translation(300.0, -200.0, 2.0) * world_from_camera;
+        let camera = CameraModel { world_from_camera: Some(RigidTransform(to_row_major(&on_a_map))), ..frame.camera.clone() };
+        let scene = segment(&Frame { camera, ..frame.clone() }, &Settings::default()).unwrap();
+        assert!(scene.meta.warnings.is_empty(), "{:?}", scene.meta.warnings);
         let told = warned(1000.0);
         assert!(told.len() == 1 && told[0].field == "world_from_camera" && told[0].message.contains("860 m"), "{told:?}");
+    }
+
+    #[test]
+    fn what_lies_farther_than_a_scene_reaches_is_refused_and_what_does_not_can_be_read() {
+        let (frame, world_from_camera) = frame();
+        let seen_from = |east_m: f64| {
+            let mut pose = to_row_major(&world_from_camera);
+            pose[3] += east_m;
+            let camera = CameraModel { world_from_camera: Some(RigidTransform(pose)), ..frame.camera.clone() };
+            segment(&Frame { camera, ..frame.clone() }, &Settings::default())
+        };
+        let scene = seen_from(900.0).unwrap();
+        assert!(Scene::from_bulk(&scene.to_bulk()).is_ok());
+        for east_m in [1000.0, -1100.0, 500_000.0, 1e300] {
+            let error = CallError::from(seen_from(east_m).unwrap_err());
+            assert_eq!(error.field.as_deref(), Some("world_from_camera"), "{error}");
+        }
     }
 
     #[test]

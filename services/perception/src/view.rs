@@ -7,7 +7,7 @@ use rand_pcg::Pcg64;
 use repose_geometry::transform::from_row_major;
 use repose_geometry::{Image, Isometry3, Pinhole};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{CallError, Frame};
+use repose_proto::{CallError, Frame, limits};
 
 use crate::error::SegmentError;
 use crate::masks::stray;
@@ -69,6 +69,7 @@ impl DepthView {
             Some(pose) => (pose, WorldFrame::Extrinsics),
             None => (estimated_pose(&in_camera, settings)?, WorldFrame::SupportPlane),
         };
+        check_reach(&depth, &world_from_camera)?;
         let coarse = CoarsePicture::new(in_camera, &world_from_camera, &camera, stride, settings);
         Ok(Self {
             camera,
@@ -173,6 +174,12 @@ fn estimated_pose(in_camera: &PointMap, settings: &Settings) -> Result<Isometry3
     let plane = gravity::support_plane(in_camera, &settings.gravity, &mut rng)
         .ok_or(SegmentError::NoSupport { share: 100.0 * settings.gravity.min_share })?;
     Ok(gravity::level(&plane))
+}
+
+/// Refuses what may lie farther from the origin than a scene's points: whoever asked for such a scene would refuse it whole, point by point.
+fn check_reach(depth: &DepthMap, world_from_camera: &Isometry3<f64>) -> Result<(), SegmentError> {
+    let reach_m = world_from_camera.translation.vector.amax() + depth.farthest_m();
+    if reach_m <= f64::from(limits::MAX_COORDINATE_M) { Ok(()) } else { Err(SegmentError::TooFar { reach_m }) }
 }
 
 /// The frame's field as a picture.

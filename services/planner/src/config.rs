@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use repose_proto::RigidTransform;
 use repose_proto::keys::validate_chunk;
 use repose_proto::place::ReachingRobot;
-use repose_runtime::RuntimeError;
+use repose_runtime::{RuntimeError, check_counts};
 use serde::Deserialize;
 
 /// Configuration of a planner worker. Unknown fields are refused.
@@ -42,6 +42,17 @@ impl Default for PlannerConfig {
             scene_timeout_ms: 20_000,
             reply_reserve_ms: 60,
         }
+    }
+}
+
+impl PlannerConfig {
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// [`RuntimeError::Config`] that names the field, as [`Robots::of`].
+    pub fn validate(&self) -> Result<(), RuntimeError> {
+        check_counts("planner", &[("threads", self.threads), ("queue_capacity", self.queue_capacity)])?;
+        Robots::of(self).map(drop)
     }
 }
 
@@ -93,6 +104,14 @@ mod tests {
         let config: PlannerConfig = serde_json::from_str(r#"{"threads": 2}"#).unwrap();
         assert_eq!(config, PlannerConfig { threads: 2, ..PlannerConfig::default() });
         assert!(serde_json::from_str::<PlannerConfig>(r#"{"thread": 2}"#).unwrap_err().to_string().contains("unknown field"));
+    }
+
+    #[test]
+    fn a_queue_without_places_and_a_crew_of_nobody_are_refused_by_name() {
+        assert!(PlannerConfig::default().validate().is_ok());
+        let refused = PlannerConfig { queue_capacity: 0, ..PlannerConfig::default() }.validate().unwrap_err().to_string();
+        assert!(refused.contains("queue_capacity"), "{refused}");
+        assert!(PlannerConfig { threads: 0, ..PlannerConfig::default() }.validate().unwrap_err().to_string().contains("threads"));
     }
 
     #[test]

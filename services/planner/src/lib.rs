@@ -95,6 +95,7 @@ pub use search::stop::StopReason;
 /// # Errors
 /// When the configuration is wrong, and when the network or the operating system refuses.
 pub async fn run(session: Session, config: PlannerConfig, shutdown: Shutdown) -> Result<(), RuntimeError> {
+    config.validate()?;
     let robots = Robots::of(&config)?;
     let worker = Arc::new(worker::Worker::start(&config, session.cell_shares())?);
     let perception = CellCallers::new(session.clone(), Service::Perception);

@@ -141,7 +141,11 @@ impl Connection {
                 Some(scene) => crate::payload::enclosing(&schema, &payload, scene),
                 None => Ok(payload.clone()),
             };
-            caller.call_with_scene(&method, scene.as_deref(), encode, options).await
+            match (service, method.as_str()) {
+                // What was seen anew, and not only where it is not held.
+                (Service::Motion, "plan") => caller.plan_with_scene(scene.as_deref(), encode, options).await,
+                _ => caller.call_with_scene(&method, scene.as_deref(), encode, options).await,
+            }
         };
         Pending::start(&self.threads, answer, cancel, progress)
     }

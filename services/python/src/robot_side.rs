@@ -26,6 +26,9 @@ const STOPS: usize = 16;
 const CATCH_UP: Duration = Duration::from_millis(60);
 /// Longest time between two states: what is told more seldom is taken for silent.
 const LONGEST_STATE_PERIOD: Duration = Duration::from_millis(50);
+/// How far a joint may be off its set-point, radians. An arm at rest that is further off is sent where it was measured: with next to nothing, one
+/// that sags a little under its weight would be sent lower and lower.
+const FOLLOWING_RAD: std::ops::RangeInclusive<f64> = 0.001..=1.0;
 /// How long it is listened for another driver of the same robot: states come twenty times a second or more often.
 const LISTEN: Duration = Duration::from_millis(300);
 
@@ -63,19 +66,27 @@ struct Running {
 impl RobotSide {
     /// Joins a robot that stands at `joints_rad` to its keys.
     #[new]
-    #[pyo3(signature = (connection, robot, joints_rad, *, world_from_base, state_period_s, following_tolerance_rad, starts_stopped))]
+    #[pyo3(signature = (
+        connection, robot, joints_rad, *, model, world_from_base, state_period_s, following_tolerance_rad, starts_stopped,
+    ))]
     #[expect(clippy::too_many_arguments, reason = "named arguments of a function that only the package's own Python calls")]
     fn new(
         py: Python<'_>,
         connection: &Connection,
         robot: &str,
         joints_rad: Joints,
+        model: &str,
         world_from_base: Option<[f64; 16]>,
         state_period_s: f64,
         following_tolerance_rad: f64,
         starts_stopped: bool,
     ) -> PyResult<Self> {
-        let settings = ArmSettings { following_tolerance_rad, ..ArmSettings::default() };
+        let unknown = || raised(CallError::invalid("model", format!("expected panda or fr3, got {model:?}")));
+        let settings = ArmSettings { following_tolerance_rad, ..ArmSettings::of_model(model).ok_or_else(unknown)? };
+        if !FOLLOWING_RAD.contains(&following_tolerance_rad) {
+            let message = format!("expected {} to {} rad, got {following_tolerance_rad}", FOLLOWING_RAD.start(), FOLLOWING_RAD.end());
+            return Err(raised(CallError::invalid("following_tolerance_rad", message)));
+        }
         let world_from_base = world_from_base.map(RigidTransform);
         repose_proto::keys::validate_chunk("name", robot).map_err(raised)?;
         world_from_base.map_or(Ok(()), |pose| pose.validate("world_from_base")).map_err(raised)?;

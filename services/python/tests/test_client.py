@@ -9,6 +9,7 @@ import sys
 import textwrap
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,6 +19,7 @@ from conftest import System, free_port, readme_blocks
 
 import repose
 from repose import _cell
+from repose.calls import Call
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +185,13 @@ def test_a_motion_is_planned_from_where_the_robot_is(client, scene, wish):
     np.testing.assert_allclose(motion.phases[0].joints_rad[0], client.robot_state().joints_rad, atol=1e-3)
 
 
+def test_a_motion_on_what_is_seen_again_just_so_is_as_young_as_that(client, view):
+    for seen_s in (1_000, 2_000):
+        scene = view.scene(stamp_ns=seen_s * 10**9)
+        plan = client.place(scene, 1, [("left_of", 2)], variant="geometric", count=5, seed=5)
+        assert client.plan_motion(scene, plan).data["scene_stamp_ns"] == scene.stamp_ns
+
+
 def test_a_stop_latches_until_reset(client):
     state = client.stop(reason="test")
     assert state.mode == "stopped"
@@ -244,6 +253,40 @@ def test_a_client_of_asyncio_that_is_closed_holds_nothing_else_up():
         await asyncio.sleep(0)
         gone_on.set()
         await closing
+
+    asyncio.run(main())
+
+
+def test_a_call_is_given_up_and_listened_to_within_asyncio_while_no_thread_is_free():
+    class Pending:
+        """A call that ends when it is cancelled and tells nothing before."""
+
+        def __init__(self):
+            self.ended, self.callbacks = threading.Event(), []
+
+        def next_progress(self):
+            return None
+
+        def on_done(self, callback):
+            self.callbacks.append(callback)
+            if self.ended.is_set():
+                callback()
+
+        def cancel(self):
+            self.ended.set()
+
+        give_up = cancel
+
+    async def main():
+        loop, left, gone_on = asyncio.get_running_loop(), Pending(), threading.Event()
+        loop.set_default_executor(ThreadPoolExecutor(1))
+        busy = loop.run_in_executor(None, gone_on.wait, 10)
+        async with Call(left, lambda answer: answer):
+            pass
+        assert left.ended.is_set()
+        assert [step async for step in Call(Pending(), lambda answer: answer).aprogress()] == []
+        gone_on.set()
+        assert await busy, "both waited for the thread"
 
     asyncio.run(main())
 

@@ -112,6 +112,30 @@ def test_an_arm_of_ones_own_is_brought_home_by_motion(client, running):
     assert len(arm.sent) > 50
 
 
+def test_an_arm_says_which_model_it_is_and_is_not_moved_by_plans_for_another(client, system, running):
+    arm = Arm("research")
+    arm.model = "fr3"
+    running(arm)
+    client.robot_state("research")
+    with pytest.raises(repose.FailedPrecondition, match="fr3"):
+        client.recover("open", robot="research")
+    with driver.connect(system.endpoint) as cell:
+        arm.model = "ur5"
+        with pytest.raises(repose.InvalidArgument) as raised:
+            cell.robot(arm)
+        assert raised.value.field == "model"
+
+
+def test_an_arm_that_would_be_sent_wherever_it_sags_is_refused(system):
+    arm = Arm("sagging")
+    with driver.connect(system.endpoint) as cell:
+        for tolerance_rad in (0.0, -0.1, float("nan"), 3.0):
+            arm.following_tolerance_rad = tolerance_rad
+            with pytest.raises(repose.InvalidArgument) as raised:
+                cell.robot(arm)
+            assert raised.value.field == "following_tolerance_rad"
+
+
 def test_a_stop_latches_brakes_and_is_heard_of(client, running):
     arm = Arm("stopped", READY_RAD + np.array([1.2, 0, 0, 0, 0, 0, 0]))
     running(arm)

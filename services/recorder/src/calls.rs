@@ -76,7 +76,7 @@ impl Calls {
         let Some((service, worker)) = keys::of_journal(&recorded.topic) else { return };
         let entry = recorded.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
         let Ok(entry) = entry else { return };
-        if let Some(expected) = pending.next.insert(recorded.topic.clone(), entry.seq + 1) {
+        if let Some(expected) = pending.next.insert(recorded.topic.clone(), entry.seq.saturating_add(1)) {
             self.lost += entry.seq.saturating_sub(expected);
         }
         match entry.kind {

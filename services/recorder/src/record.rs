@@ -12,7 +12,8 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
 use repose_proto::{ErrorCode, JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
 use repose_runtime::{
-    COPIES_WAIT, CallOptions, Caller, Sample, Session, Shutdown, Subscription, fetch_scene_payload, now_ns, yield_to_messages,
+    COPIES_WAIT, CallOptions, Caller, CancellationToken, Sample, Session, Shutdown, Subscription, fetch_scene_payload, now_ns,
+    yield_to_messages,
 };
 use tokio::runtime::Handle;
 use tokio::sync::{mpsc, oneshot};
@@ -32,6 +33,8 @@ const PICTURES: usize = 16;
 const FOR_FILE: usize = 1024;
 /// How long perception may take to send a scene.
 const SCENE_WITHIN: Duration = Duration::from_secs(30);
+/// How long scenes that are on their way may still take when the recording has ended.
+const LAST_SCENES: Duration = Duration::from_secs(5);
 /// How long workers may take to begin their journals before it is said who has not.
 const JOURNALS_WITHIN: Duration = Duration::from_secs(2);
 
@@ -68,6 +71,7 @@ pub async fn record(
         stops: subscribe(cell.robot_estops(), WAITING).await?,
         journals: subscribe(cell.journals(), WAITING).await?,
     };
+    let late = CancellationToken::new();
     let mut capture = Capture {
         perception: session.caller(Service::Perception).await?,
         to_file,
@@ -78,6 +82,7 @@ pub async fn record(
         scene_due: BTreeMap::new(),
         asked_for: Arc::new(Mutex::new(AskedFor::counting(lost.clone()))),
         turns,
+        late: late.clone(),
     };
     let mut recorder = Some(session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?);
     begun(&silent(session).await?);
@@ -101,11 +106,11 @@ pub async fn record(
     };
     drop(recorder);
     heard.count_dropped(&lost);
-    // The last sender: the writer ends its file when it has taken what waits.
+    // The last sender, but for the scenes on their way: the writer ends its file when it has taken what waits.
     drop(capture);
     let written = match early {
         Some(written) => written,
-        None => writing.await,
+        None => last_written(&mut writing, &late).await,
     };
     written.map_err(|e| repose_proto::CallError::internal(format!("the writer was lost: {e}")))?
 }
@@ -127,6 +132,18 @@ fn begin_writing(
         drop(ended.send(writer.run(captured, chunk_period)));
     });
     writing
+}
+
+/// Waits for the writer. Scenes on their way, which keep it from its end, are given up after a while: a perception that hangs, or a router that is gone,
+/// would keep it for as long as a scene may take.
+async fn last_written<T>(writing: &mut oneshot::Receiver<T>, late: &CancellationToken) -> Result<T, oneshot::error::RecvError> {
+    match tokio::time::timeout(LAST_SCENES, &mut *writing).await {
+        Ok(written) => written,
+        Err(_) => {
+            late.cancel();
+            writing.await
+        }
+    }
 }
 
 /// The workers alive in the cell that do not copy their calls, after some time. Those of its pool are not among them: they copy calls for whoever
@@ -205,6 +222,8 @@ struct Capture {
     asked_for: Arc<Mutex<AskedFor>>,
     /// How often the writer has turned to the next file.
     turns: Arc<AtomicUsize>,
+    /// Gives up the scenes that are on their way.
+    late: CancellationToken,
 }
 
 /// Ids of scenes that are remembered as fetched, and as lost; then all are forgotten and may be fetched again.
@@ -303,10 +322,11 @@ impl Capture {
             return;
         }
         let (perception, to_file, asked_for) = (self.perception.clone(), self.to_file.clone(), self.asked_for.clone());
+        let options = CallOptions { cancel: self.late.clone(), ..CallOptions::within(SCENE_WITHIN) };
         tokio::spawn(async move {
             // As it is read again: not packed.
             let request = SceneRequest::new(scene_id.clone());
-            let fetched = fetch_scene_payload(&perception, &request, &CallOptions::within(SCENE_WITHIN)).await;
+            let fetched = fetch_scene_payload(&perception, &request, &options).await;
             let mut asked_for = asked_for.lock().unwrap_or_else(PoisonError::into_inner);
             match fetched {
                 Ok(payload) => {
@@ -388,6 +408,18 @@ mod tests {
         let _planner = rack.start(Service::Planner, Arc::new(Idle)).await.expect("a worker");
         session.caller(Service::Planner).await.expect("a caller").wait_for_workers(1, SCENE_WITHIN).await.expect("it is seen");
         assert_eq!(silent(&session).await.expect("heard"), Vec::<String>::new());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_scene_that_does_not_come_does_not_keep_a_recording_from_its_end() {
+        let (late, (ended, mut writing)) = (CancellationToken::new(), oneshot::channel());
+        let given_up = late.clone();
+        tokio::spawn(async move {
+            // As the writer does while a scene may come.
+            given_up.cancelled().await;
+            drop(ended.send("written"));
+        });
+        assert_eq!(last_written(&mut writing, &late).await, Ok("written"));
     }
 
     #[test]

@@ -153,7 +153,7 @@ impl Writer {
         if kind == "calls" {
             let entry = sample.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
             let Ok(entry) = entry else { return Ok(()) };
-            if let Some(expected) = self.next_copy.insert(sample.key.clone(), entry.seq + 1) {
+            if let Some(expected) = self.next_copy.insert(sample.key.clone(), entry.seq.saturating_add(1)) {
                 let missing = entry.seq.saturating_sub(expected);
                 if missing > 0 {
                     tracing::warn!(journal = sample.key, missing, before = entry.seq, "copies of calls did not come");

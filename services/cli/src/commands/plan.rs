@@ -66,13 +66,14 @@ pub fn run(args: &PlanArgs, output: Output) -> CommandResult {
     if let Some(robot) = request.robot.as_ref().filter(|robot| robot.world_from_base.is_none()) {
         return Err(Failure::bad_input("reach-of", format!("the frame has no robot.json with robot {}", robot.name)));
     }
+    let motion = args.motion.as_ref().map(|path| Ok::<_, Failure>((path, robot_of(&frame, &request)?))).transpose()?;
     let files = ModelFiles { weights: args.networks.weights.clone() };
     let result = repose_local::plan(&scene, &request, || LocalModels::load(&files).map(Arc::new), &|| false)?;
     if let Some(path) = &args.out {
         write_picture(path, &before_and_after(&scene, &result)?.into())?;
     }
-    if let Some(path) = args.motion.as_ref().filter(|_| !result.placements.is_empty()) {
-        let motion = motion_of(&frame, &scene, &request, &result, grasps)?;
+    if let Some((path, robot)) = motion.filter(|_| !result.placements.is_empty()) {
+        let motion = motion_of(robot, &scene, &request, &result, grasps)?;
         if let Some(ignored) = motion.ignored_in_words() {
             tracing::warn!("{ignored}");
         }
@@ -84,13 +85,12 @@ pub fn run(args: &PlanArgs, output: Output) -> CommandResult {
 
 /// The pick and place of the best placement that the robot in the frame can serve.
 fn motion_of(
-    frame: &Frame,
+    robot: &RobotInView,
     scene: &Scene,
     request: &PlaceRequest,
     result: &PlaceResult,
     grasps: Option<Vec<Grasp>>,
 ) -> Result<MotionPlan, Failure> {
-    let robot = robot_of(frame, request)?;
     let placements = result.placements.iter().map(|p| p.placed_from_observed).collect();
     let wanted = MotionPlanRequest::new(scene.id(), robot.name.clone(), request.query, placements, robot.joints_rad);
     let wanted = MotionPlanRequest { grasps, seed: request.seed, ..wanted };
@@ -112,4 +112,40 @@ fn robot_of<'f>(frame: &'f Frame, request: &PlaceRequest) -> Result<&'f RobotInV
 fn grasps_of(path: &Path) -> Result<Vec<Grasp>, Failure> {
     let text = std::fs::read(path).map_err(|e| FileError::new(path, e))?;
     serde_json::from_slice(&text).map_err(|e| Failure::bad_input("grasps", format!("{}: {e}", path.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use repose_perception::frame_folder;
+    use repose_proto::{CameraModel, RigidTransform};
+
+    use super::*;
+
+    type Line = crate::testing::Line<PlanArgs>;
+
+    #[test]
+    fn a_motion_without_a_robot_is_refused_before_a_placement_is_searched_for() {
+        let (width, height) = (160, 120);
+        let above = RigidTransform([1., 0., 0., 0., 0., -1., 0., 0., 0., 0., -1., 0.8, 0., 0., 0., 1.]);
+        let (cx, cy, world_from_camera) = (79.5, 59.5, Some(above));
+        let camera = CameraModel { width, height, fx: 130.0, fy: 130.0, cx, cy, depth_unit_m: 0.001, world_from_camera };
+        let labels: Vec<u16> = (0..width * height)
+            .map(|i| match (i % width, i / width) {
+                (45..=60, 50..=68) => 1,
+                (95..=112, 52..=70) => 2,
+                _ => 0,
+            })
+            .collect();
+        let depth = labels.iter().map(|label| if *label == 0 { 800 } else { 700 }).collect();
+        let folder = tempfile::tempdir().expect("a folder");
+        let frame = Frame { labels: Some(labels), ..Frame::new("above".to_owned(), 0, camera, depth) };
+        frame_folder::write(folder.path(), &frame).expect("the frame is written");
+        let (source, motion) = (folder.path().display().to_string(), folder.path().join("motion.json").display().to_string());
+        // Goals that no place can meet: a search would find that out first.
+        let wish = ["--move", "1", "--goal", "left_of:2", "--goal", "right_of:2", "--variant", "geometric"];
+        let line = [&["x", &source, "--motion", &motion], &wish[..]].concat();
+        let refused = run(&Line::parse_from(line).args, Output { json: true }).expect_err("the frame tells of no robot");
+        assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("motion")));
+    }
 }

@@ -12,9 +12,9 @@ use std::time::Duration;
 use clap::Args;
 use repose_console::ConsoleConfig;
 use repose_proto::{Service, keys};
-use repose_runtime::{RuntimeConfig, Session, Shutdown};
+use repose_runtime::{RuntimeConfig, Server, Session, Shutdown};
 use tokio::process::{Child, Command};
-use tokio::task::JoinSet;
+use tokio::task::{JoinError, JoinSet};
 
 use crate::client::{self, ENDPOINT, SystemArgs, check_endpoint, client_config};
 use crate::failure::{CommandResult, Failure};
@@ -64,8 +64,8 @@ const CONSOLE: &str = "console";
 const RESTART_PAUSE: Duration = Duration::from_secs(1);
 /// How long the services may take to come up.
 const READY_WITHIN: Duration = Duration::from_secs(60);
-/// How long a process may take to drain before it is killed.
-const STOP_WITHIN: Duration = Duration::from_secs(15);
+/// How much longer than its configuration lets it a process may take to end before it is killed: where all end at once, the machine is busy.
+const STOP_MARGIN: Duration = Duration::from_secs(2);
 
 /// Runs until interrupted.
 pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
@@ -76,6 +76,7 @@ pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
     let mut config = client_config(&system)?;
     let layout = Layout::of(args, &config)?;
     config.caller.pool.clone_from(&layout.pool);
+    let stop_within = stop_within(&config);
     let configs = ServiceConfigs::load(args.config.as_deref())?;
     let (camera, seed) = (configs.simulator.camera, args.seed.unwrap_or(configs.simulator.seed));
     let console = console_of(configs.console)?;
@@ -86,12 +87,12 @@ pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
     let mut watchers = JoinSet::new();
     for part in &parts {
         let command = part.command(args, &layout, &console)?;
-        watchers.spawn(keep_running(command, part.name.clone(), is_up.clone(), shutdown.clone()));
+        watchers.spawn(keep_running(command, part.name.clone(), is_up.clone(), stop_within, shutdown.clone()));
     }
     let names: Vec<&str> = parts.iter().map(|part| part.name.as_str()).collect();
-    let up = tokio::select! {
+    let mut up = tokio::select! {
         up = ready(args, config, &layout, &camera, &shutdown) => up,
-        Some(ended) = watchers.join_next() => ended.map_err(Failure::other)?,
+        Some(ended) = watchers.join_next() => outcome(ended),
     };
     is_up.store(true, Ordering::Release);
     if up.is_ok() && !shutdown.is_requested() {
@@ -99,14 +100,22 @@ pub async fn run(args: &UpArgs, output: Output) -> CommandResult {
         let document = serde_json::json!({
             "listen": args.listen, "cell": cells[0], "cells": cells, "pool": pool, "processes": names, "console": page,
         });
-        output.print(&document, || format!("up: {} at {}, {layout}; the page is {page}; Ctrl-C ends it", names.join(", "), args.listen))?;
-        shutdown.requested().await;
+        up = output
+            .print(&document, || format!("up: {} at {}, {layout}; the page is {page}; Ctrl-C ends it", names.join(", "), args.listen));
+        if up.is_ok() {
+            shutdown.requested().await;
+        }
     }
     shutdown.trigger();
     while let Some(ended) = watchers.join_next().await {
-        ended.map_err(Failure::other)??;
+        // Those that are left drain, whatever became of this one: with their watchers they would be killed.
+        up = up.and(outcome(ended));
     }
     up
+}
+
+fn outcome(ended: Result<CommandResult, JoinError>) -> CommandResult {
+    ended.unwrap_or_else(|failure| Err(Failure::other(failure)))
 }
 
 /// Which cells there are, and the pool that serves them.
@@ -252,11 +261,26 @@ fn console_of(mut config: ConsoleConfig) -> Result<ConsoleConfig, Failure> {
     Ok(config)
 }
 
-/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain. One that ends before the system is up always would.
-async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>, shutdown: Shutdown) -> CommandResult {
+/// Starts a process again whenever it ends, until `shutdown`; then tells it to drain, and gives it `stop_within` for that. One that ends before the
+/// system is up always would, and one that cannot be started then never could; later the machine may be out of something for a moment, or the program
+/// is just being replaced.
+async fn keep_running(
+    mut command: Command,
+    name: String,
+    is_up: Arc<AtomicBool>,
+    stop_within: Duration,
+    shutdown: Shutdown,
+) -> CommandResult {
     while !shutdown.is_requested() {
-        let mut process =
-            LabelledProcess::spawn(&mut command, &name).map_err(|e| Failure::other(format!("{name} could not be started: {e}")))?;
+        let mut process = match LabelledProcess::spawn(&mut command, &name) {
+            Ok(process) => process,
+            Err(error) if is_up.load(Ordering::Acquire) => {
+                tracing::warn!("{name} could not be started, and is tried again: {error}");
+                pause(&shutdown).await;
+                continue;
+            }
+            Err(error) => return Err(Failure::other(format!("{name} could not be started: {error}"))),
+        };
         tokio::select! {
             ended = process.child.wait() => {
                 process.rest_of_log().await;
@@ -269,26 +293,36 @@ async fn keep_running(mut command: Command, name: String, is_up: Arc<AtomicBool>
                 }
             }
             () = shutdown.requested() => {
-                stop(&mut process.child, &name).await;
+                stop(&mut process.child, &name, stop_within).await;
                 process.rest_of_log().await;
                 return Ok(());
             }
         }
-        tokio::select! {
-            () = tokio::time::sleep(RESTART_PAUSE) => {}
-            () = shutdown.requested() => {}
-        }
+        pause(&shutdown).await;
     }
     Ok(())
 }
 
-async fn stop(child: &mut Child, name: &str) {
+/// Waits before a process is started again.
+async fn pause(shutdown: &Shutdown) {
+    tokio::select! {
+        () = tokio::time::sleep(RESTART_PAUSE) => {}
+        () = shutdown.requested() => {}
+    }
+}
+
+/// How long a process may take to end: as long as its worker drains and its session closes, and some more.
+fn stop_within(config: &RuntimeConfig) -> Duration {
+    Server::longest_drain(&config.worker) + Duration::from_millis(config.session.close_timeout_ms) + STOP_MARGIN
+}
+
+async fn stop(child: &mut Child, name: &str, within: Duration) {
     if let Some(id) = child.id().and_then(|id| i32::try_from(id).ok()) {
         // SAFETY: a plain system call on a child that has not been waited for, so its id is still its own.
         unsafe { libc::kill(id, libc::SIGTERM) };
     }
-    if tokio::time::timeout(STOP_WITHIN, child.wait()).await.is_err() {
-        tracing::warn!("{name} did not drain in {} s and is killed", STOP_WITHIN.as_secs());
+    if tokio::time::timeout(within, child.wait()).await.is_err() {
+        tracing::warn!("{name} did not drain in {:.1} s and is killed", within.as_secs_f64());
         if let Err(error) = child.kill().await {
             tracing::error!("{name} could not be killed: {error}");
         }
@@ -298,6 +332,7 @@ async fn stop(child: &mut Child, name: &str) {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use repose_runtime::WorkerConfig;
 
     use super::*;
 
@@ -327,6 +362,30 @@ mod tests {
         assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("listen")));
         drop(other);
         assert!(is_free(&endpoint).is_ok() && is_free("unixsock-stream//tmp/x").is_ok());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_process_of_a_running_system_that_cannot_be_started_is_tried_again_until_the_end() {
+        let run = |is_up: bool, shutdown: &Shutdown| {
+            let command = Command::new("/nowhere/repose");
+            keep_running(command, "planner".to_owned(), Arc::new(AtomicBool::new(is_up)), Duration::ZERO, shutdown.clone())
+        };
+        let shutdown = Shutdown::new();
+        assert!(run(false, &shutdown).await.is_err(), "before it is up, the system cannot come up");
+        let tries = tokio::spawn(run(true, &shutdown));
+        tokio::time::sleep(3 * RESTART_PAUSE).await;
+        assert!(!tries.is_finished(), "it is not given up");
+        shutdown.trigger();
+        assert!(tries.await.expect("no panic").is_ok());
+    }
+
+    #[test]
+    fn no_process_is_killed_while_its_configuration_lets_it_drain() {
+        let mut config = RuntimeConfig::default();
+        config.worker.drain_ms = 60_000;
+        let WorkerConfig { drain_notice_ms, drain_ms, cancel_grace_ms, .. } = config.worker;
+        let drains = drain_notice_ms + drain_ms + cancel_grace_ms + config.session.close_timeout_ms;
+        assert!(stop_within(&config) > Duration::from_millis(drains));
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! The report of `evaluate robot`: JSON with the contract's keys, and a table beside the paper's figures.
 
+use crate::report::final_runs::ledger;
+use crate::report::own_commit::own_commit;
 use crate::report::text;
 use crate::scenes::robot_scene::{Excluded, TableCondition};
 use crate::statistics::rate::Rate;
-use crate::tables::robot::{RobotRow, RobotTable};
+use crate::tables::robot::{RobotRow, RobotTable, RobotTableSettings};
 
 /// The paper's plan, grasp and placement rates, percent, each of those that came so far.
 fn of_paper(condition: TableCondition) -> [f64; 3] {
@@ -13,8 +15,8 @@ fn of_paper(condition: TableCondition) -> [f64; 3] {
     }
 }
 
-/// The JSON.
-pub fn document(table: &RobotTable) -> serde_json::Value {
+/// The JSON, with what the table was made with.
+pub fn document(table: &RobotTable, settings: &RobotTableSettings, weights_hash: &str) -> serde_json::Value {
     let row = |row: &RobotRow| {
         let mut value = serde_json::json!({
             "condition": row.condition, "plan": row.plan.percent(), "grasp": row.grasp.percent(), "place": row.place.percent(),
@@ -29,9 +31,11 @@ pub fn document(table: &RobotTable) -> serde_json::Value {
         value
     };
     serde_json::json!({
+        "commit": own_commit(&ledger()), "weights_hash": weights_hash, "seed": settings.seed, "attempts": settings.trial.attempts,
         "rows": table.rows.iter().map(row).collect::<Vec<_>>(),
         "overall": table.overall.iter().map(row).collect::<Vec<_>>(),
         "trials": table.trials,
+        "undrawn": table.undrawn,
     })
 }
 
@@ -56,7 +60,12 @@ pub fn text_of(table: &RobotTable) -> String {
             String::new(),
         ]);
     }
-    format!("{text}\n{}", text::legend(&LEGEND))
+    let undrawn: Vec<String> = table
+        .undrawn
+        .iter()
+        .map(|trial| format!("no scene with {} ({}) for seed {}: in no rate\n", trial.object, trial.condition.name(), trial.seed))
+        .collect();
+    format!("{text}\n{}{}", undrawn.concat(), text::legend(&LEGEND))
 }
 
 /// The columns, in their order.

@@ -65,19 +65,20 @@ pub enum RobotTableError {
     /// The folder lacks an object.
     #[error("no object is called {0}")]
     NoObject(String),
-    /// No draw of a seed gave a scene.
-    #[error("no scene with {object} ({condition}) for seed {seed}", condition = condition.name())]
-    NoScene {
-        /// The object.
-        object: String,
-        /// The condition.
-        condition: TableCondition,
-        /// The seed.
-        seed: u64,
-    },
     /// A trial could not be run.
     #[error(transparent)]
     Trial(#[from] RobotTrialError),
+}
+
+/// A trial that there is none of: no draw of its seed gave a scene.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Undrawn {
+    /// The object.
+    pub object: String,
+    /// The condition.
+    pub condition: TableCondition,
+    /// The seed.
+    pub seed: u64,
 }
 
 /// Rates of an object or of all objects, in one condition.
@@ -137,19 +138,21 @@ pub struct RobotTable {
     pub overall: Vec<RobotRow>,
     /// Everything, trial by trial.
     pub trials: Vec<RobotTrial>,
+    /// Trials that are in no rate, for want of a scene.
+    pub undrawn: Vec<Undrawn>,
 }
 
-/// Runs all trials; `seen` is told of each as it ends, with its pictures.
+/// Runs all trials; `seen` is told of each as it ends, with its pictures. A seed that gives no scene leaves one trial out, and not all others.
 ///
 /// # Errors
-/// [`RobotTableError`] when the folder lacks an object, a seed gives no scene, or a trial cannot be run.
+/// [`RobotTableError`] when the folder lacks an object, or a trial cannot be run.
 pub fn evaluate_robot(
     library: &MeshLibrary,
     settings: &RobotTableSettings,
     models: &dyn PlacementModels,
     mut seen: impl FnMut(&Problem, &RobotTrial, &Strip),
 ) -> Result<RobotTable, RobotTableError> {
-    let mut trials = Vec::new();
+    let (mut trials, mut undrawn) = (Vec::new(), Vec::new());
     let shapes = library.shapes();
     let of_name = |name: &String| shapes.iter().find(|s| *s.name == **name).ok_or_else(|| RobotTableError::NoObject(name.clone()));
     // One that is missing is told before the trials of the others, which take hours, are run for nothing.
@@ -160,8 +163,10 @@ pub fn evaluate_robot(
             for k in 0..settings.trials {
                 let seed = seed_of(settings.seed, name, condition, k);
                 let drawn = robot_problem(object, &others, condition, seed, &settings.trial.region, &settings.scene);
-                let no_scene = || RobotTableError::NoScene { object: name.clone(), condition, seed };
-                let (problem, excluded) = drawn.ok_or_else(no_scene)?;
+                let Some((problem, excluded)) = drawn else {
+                    undrawn.push(Undrawn { object: name.clone(), condition, seed });
+                    continue;
+                };
                 let (mut trial, strip) = robot_trial(&problem, condition, models, &settings.trial)?;
                 trial.excluded = excluded;
                 seen(&problem, &trial, &strip);
@@ -173,7 +178,7 @@ pub fn evaluate_robot(
     let each = settings.objects.iter().flat_map(|o| settings.conditions.iter().map(|c| row(Some(o), *c)));
     let rows = each.collect();
     let overall = settings.conditions.iter().map(|c| row(None, *c)).collect();
-    Ok(RobotTable { rows, overall, trials })
+    Ok(RobotTable { rows, overall, trials, undrawn })
 }
 
 /// A trial's seed: the same whichever other objects and conditions are run.
@@ -221,18 +226,33 @@ mod tests {
         assert_eq!(RobotRow::of(None, TableCondition::LargeBox, trials.iter()).plan.n, 0);
     }
 
-    #[test]
-    fn an_object_that_is_missing_is_told_before_any_trial() {
+    /// A folder of one object, `brick`.
+    fn bricks() -> MeshLibrary {
         let folder = tempfile::tempdir().expect("a folder");
         let corners: String = (0..8).map(|k| format!("v {} {} {}\n", k & 1, k >> 1 & 1, k >> 2)).collect();
         let sides = ["1 3 4", "1 4 2", "5 6 8", "5 8 7", "1 2 6", "1 6 5", "3 7 8", "3 8 4", "1 5 7", "1 7 3", "2 4 8", "2 8 6"];
         let sides: String = sides.iter().map(|side| format!("f {side}\n")).collect();
         std::fs::write(folder.path().join("brick.obj"), corners + &sides).expect("written");
-        let library = MeshLibrary::load(folder.path(), &MeshSettings { scale: 0.05, ..MeshSettings::default() }).expect("a brick");
+        MeshLibrary::load(folder.path(), &MeshSettings { scale: 0.05, ..MeshSettings::default() }).expect("a brick")
+    }
+
+    #[test]
+    fn an_object_that_is_missing_is_told_before_any_trial() {
         let objects = ["brick", "003_cracker_box"].map(str::to_owned).to_vec();
         let settings = RobotTableSettings { objects, ..RobotTableSettings::default() };
-        let failed = evaluate_robot(&library, &settings, &NoModels, |_, _, _| panic!("nothing is tried")).expect_err("one is missing");
+        let failed = evaluate_robot(&bricks(), &settings, &NoModels, |_, _, _| panic!("nothing is tried")).expect_err("one is missing");
         assert!(matches!(&failed, RobotTableError::NoObject(name) if name == "003_cracker_box"), "{failed}");
+    }
+
+    #[test]
+    fn a_seed_without_a_scene_leaves_out_its_trial_alone() {
+        let mut settings = RobotTableSettings { objects: vec!["brick".to_owned()], trials: 2, ..RobotTableSettings::default() };
+        settings.scene.attempts = 0;
+        let table = evaluate_robot(&bricks(), &settings, &NoModels, |_, _, _| panic!("there is no scene")).expect("a table");
+        let told: Vec<(&str, TableCondition)> = table.undrawn.iter().map(|trial| (trial.object.as_str(), trial.condition)).collect();
+        let [first, second] = TableCondition::ALL.map(|condition| ("brick", condition));
+        assert_eq!(told, [first, first, second, second]);
+        assert!(table.trials.is_empty() && table.overall.iter().all(|row| row.plan.n == 0));
     }
 
     #[test]

@@ -16,7 +16,8 @@
 //! Pure: readings, commands and time come in, what is to be done goes out.
 
 use franka::RobotMode as FciMode;
-use repose_panda::{ApproachLimits, JOINT_COUNT, JointLimits, Joints};
+use repose_panda::held_off::{BESIDE_SHARE, FADE_MS, HELD_OFF_RAD, with_room_to_fade};
+use repose_panda::{JOINT_COUNT, JointLimits, Joints};
 use repose_proto::RigidTransform;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState};
 use repose_robot_side::{Arm, ArmSettings, FOLLOWING_ERROR, Ignored, StateDetails, state_of};
@@ -30,12 +31,6 @@ use super::hand::{Hand, HandCommand, HandHalt, HandReading};
 pub const SETTLE_MS: u64 = 100;
 /// The longest gap between readings that is made up for, milliseconds. The robot gives up after 20 lost set-points.
 const CATCH_UP_MS: u64 = 100;
-/// How far the robot may hold a joint from where the arm stands until the arm stands there, radians: further, somebody has moved it.
-const HELD_OFF_RAD: f64 = 0.005;
-/// How long that takes to fade out, milliseconds.
-const FADE_MS: f64 = 500.0;
-/// The share of the joints' limits that there is always room for in a fade beside the arm's own motion.
-const BESIDE_SHARE: f64 = 0.005;
 /// The share that a fade takes while the arm stands: fast enough to be over before the next gap on a machine that often misses set-points.
 const ALONE_SHARE: f64 = 0.05;
 /// Between two recoveries, seconds.
@@ -394,22 +389,6 @@ fn offsets(reading: &Reading, way_rad: &[Joints; 3]) -> [Joints; 3] {
 /// The furthest that a joint is from where it is in another configuration, radians.
 fn apart(a: &Joints, b: &Joints) -> f64 {
     (0..JOINT_COUNT).map(|i| (a[i] - b[i]).abs()).fold(0.0, f64::max)
-}
-
-/// The limits less what an offset that fades out adds to set-points: the quintic's steepest places.
-fn with_room_to_fade(limits: &JointLimits) -> JointLimits {
-    let fade_s = FADE_MS * 1e-3;
-    let speed = 1.875 * HELD_OFF_RAD / fade_s;
-    JointLimits {
-        position_lower_rad: limits.position_lower_rad.map(|q| q + HELD_OFF_RAD),
-        position_upper_rad: limits.position_upper_rad.map(|q| q - HELD_OFF_RAD),
-        velocity_rad_s: limits.velocity_rad_s.map(|v| v - speed),
-        approach: limits
-            .approach
-            .map(|approach| ApproachLimits { offset_rad_s: approach.offset_rad_s.map(|offset| offset + speed), ..approach }),
-        acceleration_rad_s2: limits.acceleration_rad_s2.map(|a| a - 5.774 * HELD_OFF_RAD / fade_s.powi(2)),
-        jerk_rad_s3: limits.jerk_rad_s3.map(|j| j - (60.0 * HELD_OFF_RAD / fade_s.powi(3)).max(BESIDE_SHARE * j)),
-    }
 }
 
 /// Why a robot that this process does not move would not move if it were told to: kind and reason.

@@ -21,8 +21,8 @@ pub use held::{HeldCloud, neighbouring};
 /// What is in the way.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Contact {
-    /// A joint (from 0) is outside its position limits.
-    #[error("joint {0} is outside its limits")]
+    /// A joint (from 0) is outside the position limits.
+    #[error("joint {0} is outside the limits that motions are planned within")]
     Limits(usize),
     /// The arm touches itself.
     #[error("the arm touches itself")]

@@ -52,7 +52,7 @@ impl Execution {
         // Further than the horizon it has nothing to follow.
         let gone_on_ms = (now_ms.saturating_sub(since_ms) as f64).min(self.settings.horizon_ms);
         let stream = &self.current().set_points;
-        let halt = halted(stream, shown_ms + gone_on_ms + self.settings.halt_lead_ms, &self.settings.model.limits());
+        let halt = halted(stream, shown_ms + gone_on_ms + self.settings.halt_lead_ms, &self.settings.model.driven_limits());
         let first = stream.partition_point(|p| p.t_ms <= shown_ms).saturating_sub(1);
         let before = stream[first..].iter().take_while(|p| halt.first().is_some_and(|slows| p.t_ms < slows.t_ms));
         before.copied().chain(halt.iter().copied()).collect()

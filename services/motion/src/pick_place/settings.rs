@@ -1,6 +1,7 @@
 //! How a pick and place is planned: the settings of its parts, and its own.
 
 use nalgebra::Isometry3;
+use repose_panda::{InverseSettings, Model};
 
 use crate::grasp::GraspSettings;
 use crate::obstacles::{ObstacleSettings, ObstacleShape};
@@ -22,13 +23,13 @@ pub struct PickPlaceSettings {
     pub obstacles: ObstacleSettings,
     /// How grasps are found.
     pub grasp: GraspSettings,
-    /// How the ends are reached.
+    /// How the ends are reached, and within which limits of the joints everything is planned. Default: those that every driver of a Panda carries out.
     pub reach: EndSearchSettings,
     /// The search for paths between them.
     pub rrt: RrtSettings,
     /// The shortening of those paths.
     pub simplify: SimplifySettings,
-    /// How fast the arm moves in free space.
+    /// How fast the arm moves in free space. Default: under the same limits.
     pub timing: TimingSettings,
     /// Share of that speed and acceleration near things: approach, lift, lower, retreat. Default 0.5.
     pub contact_scale: f64,
@@ -63,17 +64,19 @@ pub struct PickPlaceSettings {
 
 impl Default for PickPlaceSettings {
     fn default() -> Self {
+        let limits = Model::default().driven_limits();
+        let reach = EndSearchSettings::default();
         Self {
             world_from_base: Isometry3::identity(),
             keep_out: Vec::new(),
             beside: Vec::new(),
             obstacles: ObstacleSettings::default(),
             grasp: GraspSettings::default(),
-            reach: EndSearchSettings::default(),
+            reach: EndSearchSettings { inverse: InverseSettings { limits, ..reach.inverse }, ..reach },
             // A pick and place asks many searches, some of them in vain.
             rrt: RrtSettings { iterations: 1500, ..RrtSettings::default() },
             simplify: SimplifySettings::default(),
-            timing: TimingSettings::default(),
+            timing: TimingSettings { limits, ..TimingSettings::default() },
             contact_scale: 0.5,
             holding_scale: 0.5,
             padding_m: 0.005,

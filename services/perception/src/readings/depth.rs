@@ -79,6 +79,15 @@ impl DepthMap {
         self.depth_m.pixels().iter().map(|z| usize::from(!z.is_nan())).sum()
     }
 
+    /// No reading is farther from the camera than this, metres; 0 without one.
+    pub fn farthest_m(&self) -> f64 {
+        let deepest_m = self.depth_m.pixels().iter().copied().filter(|z| !z.is_nan()).fold(0.0, f32::max);
+        // Those of columns and rows that are steeper hold none.
+        let steepest = |slopes: &[f32]| slopes.iter().map(|slope| slope.abs()).filter(|slope| *slope <= MAX_SLOPE).fold(0.0, f32::max);
+        let (x, y) = (f64::from(steepest(&self.slope_x)), f64::from(steepest(&self.slope_y)));
+        f64::from(deepest_m) * (1.0 + x * x + y * y).sqrt()
+    }
+
     /// The point at column `u`, row `v`, camera frame; NaN without a reading.
     pub fn point(&self, u: usize, v: usize) -> Point3<f32> {
         let z = self.depth_m.pixels()[v * self.depth_m.width() + u];

@@ -113,6 +113,7 @@ class RobotSide:
         robot: str,
         joints_rad: list[float],
         *,
+        model: str,
         world_from_base: list[float] | None,
         state_period_s: float,
         following_tolerance_rad: float,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os import PathLike
 from types import TracebackType
@@ -20,6 +22,9 @@ __all__ = ["Answer", "Call", "Execution", "RobotState"]
 
 T = TypeVar("T")
 U = TypeVar("U")
+
+#: How long whoever gives a call up waits for it to end, seconds. Its worker has been told by then.
+GIVEN_UP_WITHIN_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -146,13 +151,18 @@ class Call(Generic[T]):
 
     async def aprogress(self) -> AsyncGenerator[dict[str, Any], None]:
         """Go through the progress replies in asyncio; as `progress`, where the task is cancelled, too."""
+        # A thread of its own: a reply may be minutes away, and asyncio has a handful of threads for everything else that waits.
+        listener = ThreadPoolExecutor(1, "repose-progress")
+        loop = asyncio.get_running_loop()
         try:
-            while (reply := await asyncio.to_thread(self._pending.next_progress)) is not None:
+            while (reply := await loop.run_in_executor(listener, self._pending.next_progress)) is not None:
                 yield json.loads(reply)
         except BaseException:
             # Which also ends the thread that waits for the next reply.
             self._pending.cancel()
             raise
+        finally:
+            listener.shutdown(wait=False)
 
     def done(self) -> bool:
         """Whether the call has ended."""
@@ -172,12 +182,24 @@ class Call(Generic[T]):
         return self
 
     async def __aexit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        await asyncio.to_thread(self._pending.give_up)
+        # Not by a thread: while there is none free the call would go on.
+        self._pending.cancel()
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._end(), GIVEN_UP_WITHIN_S)
 
     def __await__(self) -> Generator[Any, None, T]:
         return self._ended().__await__()
 
     async def _ended(self) -> T:
+        try:
+            await self._end()
+        except BaseException:
+            self._pending.cancel()
+            raise
+        return self.result(0)
+
+    async def _end(self) -> None:
+        # What it ends in is not looked at.
         loop = asyncio.get_running_loop()
         ended = loop.create_future()
 
@@ -191,12 +213,7 @@ class Call(Generic[T]):
                 loop.call_soon_threadsafe(wake)
 
         self._pending.on_done(call_back)
-        try:
-            await ended
-        except BaseException:
-            self._pending.cancel()
-            raise
-        return self.result(0)
+        await ended
 
     def _step(self) -> Step[T]:
         return Step(self.result, lambda: self)

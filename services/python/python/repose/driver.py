@@ -15,7 +15,9 @@ commands that come twice, late or in disorder, set-points interpolated at 1 kHz 
 brake within the limits, an execution whose commander falls silent. A driver that has a loop of its own, such as a physics simulation,
 calls `RobotDriver.step` from there instead.
 
-The arm is a Franka Panda, or one that is driven like it: seven joints under its limits.
+The arm is a Franka Panda or Research 3 (FR3), or one with the same links that is driven like it: seven joints under its limits. Its
+hand is Franka's: motion reckons with the shape of that, with fingers that open by 80 mm, and with the point between their tips, 103 mm
+before the flange.
 """
 
 from __future__ import annotations
@@ -100,10 +102,13 @@ class Robot(ABC):
 
     Attributes:
         name: Its name in the cell, ``[a-z0-9][a-z0-9_-]*``.
+        model: ``panda`` or ``fr3``: under whose limits it moves, and what its state says that it is. Motion plans for the one that
+            ``[motion] robot_model`` says, and moves no other.
         world_from_base: Where its base stands in the world, ``[4, 4]``; the identity, unless you say otherwise. Motion plans with its own
             setting, ``[motion] world_from_base``, and moves no robot that says another place; perception takes this one to know the
             arm in pictures.
-        following_tolerance_rad: How far a joint may be from its set-point, radians, before the arm counts as not following and stops.
+        following_tolerance_rad: How far a joint may be from its set-point, radians, before the arm counts as not following and stops; 0.001
+            to 1. At rest it is sent where it was measured then: more than it sags under its weight.
         starts_stopped: Whether a driver of it starts stopped (``driver_started``) until somebody has looked at the arm and resets it. A
             driver keeps nothing when it ends: one that is started again knows of no stop, task or object in the hand of before. Set it for
             an arm that could hurt somebody; a simulation goes without.
@@ -111,6 +116,7 @@ class Robot(ABC):
     """
 
     name: str = "panda"
+    model: str = "panda"
     world_from_base: Any = np.eye(4)
     following_tolerance_rad: float = 0.1
     starts_stopped: bool = False
@@ -174,6 +180,7 @@ class RobotDriver:
             cell._connection,
             robot.name,
             self._read(),
+            model=robot.model,
             world_from_base=pose,
             state_period_s=state_period_s,
             following_tolerance_rad=robot.following_tolerance_rad,
@@ -306,6 +313,7 @@ class Cell:
 
         Raises:
             FailedPrecondition: Another driver of that name is there, or the robot stands outside its limits.
+            InvalidArgument: A setting of the robot is out of its range; ``field`` says which.
 
         """
         return RobotDriver(self, robot, state_period_s=state_period_s)

@@ -139,6 +139,9 @@ pub async fn run(
         if heeded.ends && side.has_ended() {
             break;
         }
+        // They, too, take a while to come at the start.
+        let untold = side.untold(now_ms()).filter(|_| now_ms() > robot.controller_timeout_ms);
+        reports.standing(&robot.name, "joints", untold);
         let shown_mode = shown.as_ref().map(|(mode, _)| *mode);
         let Some(state) = due(&mut side, &mut next_state, shown_mode, now_ms()) else { continue };
         // Frames take a while to come at the start.

@@ -72,4 +72,9 @@ impl Measured {
     pub fn missing(&self) -> Vec<&str> {
         self.joints.iter().zip(&self.q_rad).filter(|(_, q)| q.is_none()).map(|(joint, _)| joint.as_str()).collect()
     }
+
+    /// The finger joints that nobody has told of yet.
+    pub fn missing_fingers(&self) -> Vec<&str> {
+        self.fingers.iter().zip(&self.fingers_m).filter(|(_, at)| at.is_none()).map(|(finger, _)| finger.as_str()).collect()
+    }
 }

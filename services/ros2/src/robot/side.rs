@@ -122,9 +122,22 @@ impl RosSide {
         }
     }
 
-    /// The joints that nobody has told of yet.
+    /// The joints that nobody has told of yet; those of fingers where there is a hand to move.
     pub fn missing(&self) -> Vec<&str> {
-        self.measured.missing()
+        let fingers = self.config.gripper_action.iter().flat_map(|_| self.measured.missing_fingers());
+        self.measured.missing().into_iter().chain(fingers).collect()
+    }
+
+    /// What is to be said of joints that nobody tells of: there is no state without the arm's, and without the fingers' nobody knows how far they are
+    /// apart.
+    pub fn untold(&self, now_ms: u64) -> Option<String> {
+        let (topic, missing) = (&self.config.joint_states, self.missing());
+        if !missing.is_empty() {
+            let names = missing.join(", ");
+            return Some(format!("{topic} does not tell of {names}: set joints and finger_joints to the names that are told there"));
+        }
+        let is_old = self.measured.age_ms(now_ms).is_none_or(|age_ms| age_ms > JOINTS_OLD_MS);
+        is_old.then(|| format!("{topic} has not told of all joints for more than {JOINTS_OLD_MS} ms: the robot shows no state meanwhile"))
     }
 
     /// Says where its base stands.

@@ -10,7 +10,7 @@
 use std::sync::LazyLock;
 
 use nalgebra::{Point2, Point3, Vector2};
-use repose_geometry::Footprint;
+use repose_geometry::{Footprint, cloud};
 use serde::{Deserialize, Serialize};
 
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
@@ -165,7 +165,8 @@ pub fn distance_m(front: &Front, view: &ObservedView) -> f32 {
 pub fn measures(front: &Front, view: &ObservedView, settings: &BeliefSettings) -> Vec<f32> {
     let [near_m, far_m] = front.span(&front.away);
     let [right_m, left_m] = front.span(&front.across);
-    let middle = (front.points.iter().map(|p| p.xy().coords).sum::<Vector2<f32>>() / front.points.len().max(1) as f32).dot(&front.away);
+    let middle = cloud::mean_of(front.points.iter().map(|p| [p.x, p.y]));
+    let middle = middle.map_or(0.0, |[x, y]| Vector2::new(x, y).dot(&front.away));
     let bands = BANDS.map(|[low, high]| {
         let points = front.band(low, high);
         if points.len() < MIN_BAND {
@@ -197,6 +198,9 @@ fn rim_share(front: &Front, settings: &BeliefSettings) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Translation3;
+    use repose_made_scenes::{SceneBuilder, world_from_camera};
+
     use super::*;
     use crate::boosted_trees::{DecisionTree, log_of_length};
 
@@ -217,5 +221,23 @@ mod tests {
         let nothing = Back::new(leaf(log_of_length(-0.01)), BackFitData::default()).unwrap();
         assert!(nothing.missing_m(&[0.0; MEASURES.len()]) < 1e-6);
         assert!(Back::new(leaf(f64::NAN), BackFitData::default()).is_err());
+    }
+
+    #[test]
+    fn what_many_points_measure_is_the_same_far_from_the_origin() {
+        let (scene, settings) = (SceneBuilder::table().scene(), BeliefSettings::default());
+        // The front and the top of a box of 10 cm as a near camera sees it.
+        let (front, top) = ((0..20_000).map(|i| (i % 200, 0, i / 200)), (0..40_000).map(|i| (i % 200, i / 200, 100)));
+        let along = |k: i32| k as f32 * 0.0005 - 0.05;
+        let of_box: Vec<Point3<f32>> = front.chain(top).map(|(x, y, z)| Point3::new(along(x), along(y), z as f32 * 0.001)).collect();
+        let bands = |y_m: f32| {
+            let moved: Vec<Point3<f32>> = of_box.iter().map(|p| Point3::new(p.x, p.y + y_m, p.z)).collect();
+            let pose = Translation3::new(0.0, f64::from(y_m), 0.0) * world_from_camera();
+            let view = ObservedView::new(&[], &[], &scene.meta.camera, &pose, settings.view_columns);
+            let front = Front::of(&moved, 0.0, &view.eye().xy(), &settings.shape).unwrap();
+            measures(&front, &view, &settings)[6..16].to_vec()
+        };
+        let (near, far) = (bands(0.0), bands(300.0));
+        assert!(near.iter().zip(&far).all(|(near, far)| (near - far).abs() < 1e-3), "{near:?} {far:?}");
     }
 }

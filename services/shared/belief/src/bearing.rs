@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use nalgebra::{Point2, Vector2};
-use repose_geometry::Footprint;
+use repose_geometry::{Footprint, cloud};
 use serde::{Deserialize, Serialize};
 
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
@@ -284,7 +284,8 @@ fn cut(length_m: f32) -> f32 {
 
 /// How far places spread around their middle, seen from above.
 fn spread_m(places: &[&Meeting]) -> f32 {
-    let middle = places.iter().map(|m| m.own.xy().coords).sum::<Vector2<f32>>() / places.len().max(1) as f32;
+    let [x, y] = cloud::mean_of(places.iter().map(|m| [m.own.x, m.own.y])).unwrap_or_default();
+    let middle = Vector2::new(x, y);
     places.iter().map(|m| (m.own.xy().coords - middle).norm()).fold(0.0, f32::max)
 }
 

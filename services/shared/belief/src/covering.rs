@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{Point2, Point3, Vector2};
+use repose_geometry::cloud;
 
 use crate::columns::{ColumnMap, cells_of};
 use crate::settings::{BeliefSettings, CoverSettings};
@@ -63,8 +64,8 @@ impl Band {
 
     /// Whether no top goes on behind its front: it is narrow in the direction of sight.
     fn is_narrow(&self, eye: &Point2<f32>, settings: &CoverSettings) -> bool {
-        let middle = self.points.iter().map(|p| p.coords).sum::<Vector2<f32>>() / self.points.len().max(1) as f32;
-        let Some(away) = (middle - eye.coords).try_normalize(1e-3) else { return false };
+        let Some([x, y]) = cloud::mean_of(self.points.iter().map(|p| [p.x, p.y])) else { return false };
+        let Some(away) = (Vector2::new(x, y) - eye.coords).try_normalize(1e-3) else { return false };
         let across = Vector2::new(-away.y, away.x);
         // A face that is turned aside is deep in the direction of sight, but no deeper here than there.
         let columns = cut(&self.points, &across, settings.column_m);

@@ -46,19 +46,58 @@ pub fn transformed(points: &[Point3<f32>], to_from: &Isometry3<f64>) -> Vec<Poin
     points.iter().map(|p| to_from * p).collect()
 }
 
+/// The mean of places in single precision, however far they are from the origin; `None` without any.
+pub fn mean_of<const D: usize>(places: impl IntoIterator<Item = [f32; D]>) -> Option<[f32; D]> {
+    let mut places = places.into_iter().peekable();
+    let mut sum = Sum::near(places.peek()?);
+    places.for_each(|place| sum.add(place));
+    Some(sum.mean())
+}
+
 /// One point (the mean) per occupied voxel of edge `voxel_m`, in order of first occupation.
 pub fn voxel_downsampled(points: &[Point3<f32>], voxel_m: f32) -> Vec<Point3<f32>> {
     let mut index = HashMap::with_capacity(points.len() / 4);
-    let mut sums: Vec<(Vector3<f32>, f32)> = Vec::new();
+    let mut sums: Vec<Sum<3>> = Vec::new();
     for p in points {
+        let place: [f32; 3] = (*p).into();
         let slot = *index.entry(cell_of(p, voxel_m)).or_insert_with(|| {
-            sums.push((Vector3::zeros(), 0.0));
+            sums.push(Sum::near(&place));
             sums.len() - 1
         });
-        sums[slot].0 += p.coords;
-        sums[slot].1 += 1.0;
+        sums[slot].add(place);
     }
-    sums.into_iter().map(|(sum, n)| Point3::from(sum / n)).collect()
+    sums.into_iter().map(|sum| Point3::from(sum.mean())).collect()
+}
+
+/// Places summed up in single precision, about one of them where that is far from the origin: sums of thousands of large numbers, as places have in the
+/// frame of a hall, are off by centimetres.
+#[derive(Debug, Clone, Copy)]
+struct Sum<const D: usize> {
+    about: [f32; D],
+    sum: [f32; D],
+    count: f32,
+}
+
+impl<const D: usize> Sum<D> {
+    /// What is nearer to the origin is summed as it is, metres: as far as a camera sees from its own place.
+    const NEAR_M: f32 = 4.0;
+
+    /// The empty sum of places near one.
+    fn near(place: &[f32; D]) -> Self {
+        let is_far = place.iter().any(|along| along.abs() > Self::NEAR_M);
+        Self { about: if is_far { *place } else { [0.0; D] }, sum: [0.0; D], count: 0.0 }
+    }
+
+    fn add(&mut self, place: [f32; D]) {
+        for ((sum, along), about) in self.sum.iter_mut().zip(place).zip(self.about) {
+            *sum += along - about;
+        }
+        self.count += 1.0;
+    }
+
+    fn mean(&self) -> [f32; D] {
+        std::array::from_fn(|k| self.about[k] + self.sum[k] / self.count)
+    }
 }
 
 #[cfg(test)]
@@ -80,5 +119,24 @@ mod tests {
         let down = voxel_downsampled(&points, 0.005);
         assert_eq!(down.len(), 2);
         assert!((down[0].x - 0.002).abs() < 1e-7);
+    }
+
+    #[test]
+    fn means_are_as_exact_far_from_the_origin() {
+        // In steps of what single precision can tell there.
+        let step = |k: usize| (k % 100) as f32 / 32_768.0;
+        let places = |[x, y, z]: [f32; 3]| -> Vec<[f32; 3]> { (0..20_000).map(|k| [x + step(k), y - step(k), z + step(k)]).collect() };
+        let (middle_m, far) = (49.5 / 32_768.0, [300.0, -200.0, 0.5]);
+        let [x, y, z] = mean_of(places(far)).unwrap();
+        let off = [x - far[0] - middle_m, y - far[1] + middle_m, z - far[2] - middle_m];
+        assert!(off.iter().all(|off| off.abs() < 5e-5), "{off:?}");
+        let cloud: Vec<Point3<f32>> = places(far).into_iter().map(Point3::from).collect();
+        let down = voxel_downsampled(&cloud, 1.0);
+        assert!(down.iter().any(|p| (p.x - x).abs() < 5e-5), "{down:?}");
+        // Near the origin it is the plain sum over the count, to the bit.
+        let near = places([0.3, -0.2, 0.5]);
+        let plain = near.iter().fold([0.0f32; 3], |sum, p| std::array::from_fn(|k| sum[k] + p[k])).map(|sum| sum / 20_000.0);
+        assert_eq!(mean_of(near), Some(plain));
+        assert_eq!(mean_of::<2>([]), None);
     }
 }

@@ -4,7 +4,7 @@
 
 use nalgebra::{Isometry3, Matrix4, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// How far a rotation block may be from orthonormal before it is refused (entry-wise on `RᵀR − I`).
+/// How far a rotation block may be from orthonormal before it is refused (entry-wise on `RRᵀ − I`): as on the wire, where its rows are looked at.
 pub const ORTHONORMAL_TOLERANCE: f64 = 1e-3;
 
 /// Why 16 numbers are not a rigid transform.
@@ -41,7 +41,7 @@ pub fn from_row_major(entries: &[f64; 16]) -> Result<Isometry3<f64>, NotRigid> {
         return Err(NotRigid::LastRow);
     }
     let block = matrix.fixed_view::<3, 3>(0, 0).into_owned();
-    let error = (block.transpose() * block - nalgebra::Matrix3::identity()).amax();
+    let error = (block * block.transpose() - nalgebra::Matrix3::identity()).amax();
     if error > ORTHONORMAL_TOLERANCE || block.determinant() < 0.0 {
         return Err(NotRigid::NotRotation(error));
     }
@@ -121,6 +121,19 @@ mod tests {
         let mut entries = to_row_major(&Isometry3::identity());
         entries[15] = 0.5;
         assert_eq!(from_row_major(&entries), Err(NotRigid::LastRow));
+    }
+
+    #[test]
+    fn what_is_rigid_on_the_wire_is_rigid_here() {
+        // Its first column is too long by 0.12 %, of which each row has a third.
+        let [third, half, sixth] = [3.0f64, 2.0, 6.0].map(|n| n.sqrt().recip());
+        let with = |long: f64| {
+            from_row_major(&[long, half, sixth, 0.1, long, -half, sixth, 0.2, long, 0.0, -2.0 * sixth, 0.3, 0.0, 0.0, 0.0, 1.0])
+        };
+        let pose = with(1.0012 * third).unwrap();
+        assert!((pose.rotation * Vector3::x() - Vector3::repeat(third)).norm() < 1e-3);
+        // So long that the rows show it.
+        assert!(matches!(with(1.0032 * third), Err(NotRigid::NotRotation(_))));
     }
 
     #[test]

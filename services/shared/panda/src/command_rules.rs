@@ -115,6 +115,8 @@ impl Violation {
 
 /// Rounding of positions that backward differences would otherwise blow up into violations.
 const ROUNDING: f64 = 1e-6;
+/// What rounding makes of the speed of a joint that stands, and more, rad/s: next to its limit an FR3 allows none at all.
+const STILL_RAD_S: f64 = 1e-9;
 
 /// The rules applied to one stream: feed it every set-point in turn.
 #[derive(Debug, Clone)]
@@ -125,14 +127,21 @@ pub struct CommandRules {
 }
 
 impl CommandRules {
-    /// A stream that begins with the robot at rest at `measured`.
+    /// A stream that begins with the robot at rest at `measured`. Where that is beyond the position limits, as those of a driver that keeps off the
+    /// robot's own, it may come back from there.
     pub fn new(measured: &Joints, settings: CommandRuleSettings) -> Self {
+        let settings = CommandRuleSettings { limits: settings.limits.including(measured), ..settings };
         Self { settings, state: MotionState::at_rest(*measured), started: false }
     }
 
     /// The same when its first set-point, at `measured` itself, has been accepted already.
     pub fn continued(measured: &Joints, settings: CommandRuleSettings) -> Self {
         Self { started: true, ..Self::new(measured, settings) }
+    }
+
+    /// What the set-points are held against.
+    pub fn limits(&self) -> &JointLimits {
+        &self.settings.limits
     }
 
     /// Where and how the arm moves at the last set-point that was accepted.
@@ -190,7 +199,7 @@ impl CommandRules {
         let exceeds = |value: f64, limit: f64| value.abs() > limit * (1.0 + ROUNDING);
         let value = next.velocity_rad_s[joint];
         let limit = limits.speed_at(joint, next.position_rad[joint], value);
-        if exceeds(value, limit) {
+        if value.abs() > STILL_RAD_S && exceeds(value, limit) {
             return Err(Violation::VelocityLimits { joint, value, limit });
         }
         let (value, limit) = (next.acceleration_rad_s2[joint], limits.acceleration_rad_s2[joint]);
@@ -209,7 +218,7 @@ impl CommandRules {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::READY;
+    use crate::{FR3_LIMITS, READY};
 
     fn ramp(acceleration: f64, count: usize) -> Vec<Joints> {
         (0..count)
@@ -255,6 +264,19 @@ mod tests {
             "joint_motion_generator_position_limits_violation"
         );
         assert_eq!(CommandRules::check(&READY, &[[f64::NAN; 7]], settings).unwrap_err().1, Violation::NotFinite { joint: 0 });
+    }
+
+    #[test]
+    fn a_joint_that_stands_where_no_speed_is_allowed_does_not_move_by_rounding() {
+        let mut stands = READY;
+        stands[6] = FR3_LIMITS.position_upper_rad[6] - 0.001;
+        assert_eq!(FR3_LIMITS.speed_at(6, stands[6], 1.0), 0.0);
+        let mut rules = CommandRules::new(&stands, CommandRuleSettings { limits: FR3_LIMITS, ..CommandRuleSettings::default() });
+        let mut rounded = stands;
+        rounded[6] *= 1.0 + f64::EPSILON;
+        assert_eq!((rules.accept(&stands), rules.accept(&rounded)), (Ok(()), Ok(())));
+        rounded[6] += 1e-6;
+        assert_eq!(rules.accept(&rounded).unwrap_err().name(), "joint_motion_generator_velocity_limits_violation");
     }
 
     #[test]

@@ -14,6 +14,7 @@
 
 pub mod command_rules;
 pub mod commander_watch;
+pub mod held_off;
 pub mod interpolation;
 pub mod inverse;
 pub mod kinematics;
@@ -27,6 +28,7 @@ pub mod stop;
 
 pub use command_rules::{CommandRuleSettings, CommandRules, START_TOLERANCE_RAD, Violation};
 pub use commander_watch::CommanderWatch;
+pub use held_off::with_room_to_fade;
 pub use interpolation::{hermite, smooth_step};
 pub use inverse::{InverseError, InverseSettings, inverse_at, inverse_near, inverse_sweep};
 pub use kinematics::{

@@ -93,6 +93,16 @@ impl JointLimits {
         }
     }
 
+    /// The limits with the position limits widened to where the joints are: an arm that stands beyond them comes back from there, and goes no further.
+    #[must_use]
+    pub fn including(&self, joints: &Joints) -> Self {
+        Self {
+            position_lower_rad: std::array::from_fn(|i| self.position_lower_rad[i].min(joints[i])),
+            position_upper_rad: std::array::from_fn(|i| self.position_upper_rad[i].max(joints[i])),
+            ..*self
+        }
+    }
+
     /// The limits that both have: what keeps them is allowed by either.
     #[must_use]
     pub fn narrower(&self, other: &Self) -> Self {
@@ -179,6 +189,17 @@ mod tests {
         assert_eq!((both.position_lower_rad[5], both.position_upper_rad[5]), (0.54092, 3.7525));
         assert_eq!((both.velocity_rad_s[4], both.acceleration_rad_s2[1], both.jerk_rad_s3[1]), (2.61, 7.5, 3750.0));
         assert_eq!(both.approach, FR3_LIMITS.approach);
+    }
+
+    #[test]
+    fn limits_are_widened_to_where_an_arm_stands_and_not_beyond() {
+        let mut joints = READY;
+        (joints[0], joints[1], joints[2]) = (2.9, -1.8, f64::NAN);
+        let wider = LIMITS.including(&joints);
+        assert_eq!((wider.position_upper_rad[0], wider.position_lower_rad[1]), (2.9, -1.8));
+        let ends = |limits: &JointLimits| (limits.position_lower_rad[0], limits.position_upper_rad[1], limits.position_upper_rad[2]);
+        assert_eq!(ends(&wider), ends(&LIMITS));
+        assert_eq!(LIMITS.including(&READY), LIMITS);
     }
 
     #[test]

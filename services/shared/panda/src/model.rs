@@ -3,7 +3,7 @@
 //! Both have the same links: the joints' origins in franka_description's `fr3` and `fer` are equal, and the Panda's kinematics, spheres and hand
 //! here stand for both. What they may do differs: position limits, speeds, accelerations, jerks.
 
-use crate::{ApproachLimits, FR3_LIMITS, JOINT_COUNT, JointLimits, LIMITS};
+use crate::{ApproachLimits, FR3_LIMITS, JOINT_COUNT, JointLimits, LIMITS, with_room_to_fade};
 
 /// What libfranka leaves of every velocity, acceleration and jerk limit (`kLimitEps` in `rate_limiting.h`).
 const MARGIN: f64 = 1e-3;
@@ -63,6 +63,12 @@ impl Model {
             ..limits
         }
     }
+
+    /// What every driver of it carries out, and motions are planned within: what may be commanded, less the room for what the robot is off the arm's
+    /// way.
+    pub fn driven_limits(self) -> JointLimits {
+        with_room_to_fade(&self.commanded_limits())
+    }
 }
 
 #[cfg(test)]
@@ -86,5 +92,15 @@ mod tests {
         assert!((fr3.velocity_rad_s[4] - 5.259).abs() < 1e-9);
         assert!((fr3.speed_at(0, 2.7, 1.0) - 0.474_370).abs() < 1e-6, "computeUpperLimitsJointVelocity of libfranka 0.21");
         assert!((fr3.acceleration_rad_s2[0] - 9.999).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_drivers_carry_out_lies_within_what_may_be_commanded() {
+        for model in Model::ALL {
+            let (driven, commanded) = (model.driven_limits(), model.commanded_limits());
+            assert_eq!(driven.narrower(&commanded), driven);
+            assert_eq!(driven.narrower(&model.limits()), driven);
+            assert!(!driven.contains(&commanded.between(&[0.0; JOINT_COUNT]), 0.0), "there is room at the position limits");
+        }
     }
 }

@@ -20,8 +20,8 @@ pub fn pixel_of_object(scene: &Scene, id: u16) -> Option<(i64, i64)> {
     pixel_of(scene, &scene.object(id)?.centroid_m.into())
 }
 
-/// Where a point of the world falls in a scene's picture, column and row.
+/// Where a point of the world falls in a scene's picture, column and row; so far outside that it fits 32 bits no more, at their end.
 pub fn pixel_of(scene: &Scene, point_in_world: &Point3<f64>) -> Option<(i64, i64)> {
     let pixel = pinhole(&scene.meta.camera).project(&(camera_from_world(scene)? * point_in_world))?;
-    Some((pixel.x.round() as i64, pixel.y.round() as i64))
+    Some((i64::from(pixel.x.round() as i32), i64::from(pixel.y.round() as i32)))
 }

@@ -45,7 +45,8 @@ pub fn scene_picture(scene: &Scene, coloring: Coloring, moved: Option<(u16, &Iso
         }
         let in_camera = camera_from_world * in_world;
         let Some(pixel) = camera.project(&in_camera) else { continue };
-        let (u, v) = (pixel.x.round() as i64, pixel.y.round() as i64);
+        // What is placed far outside the picture stays there: the conversion saturates, and the splat around it must not overflow.
+        let (u, v) = (i64::from(pixel.x.round() as i32), i64::from(pixel.y.round() as i32));
         for (x, y) in (v - SPLAT..=v + SPLAT).flat_map(|y| (u - SPLAT..=u + SPLAT).map(move |x| (x, y))) {
             if x < 0 || y < 0 || x >= camera.width as i64 || y >= camera.height as i64 {
                 continue;
@@ -128,6 +129,13 @@ mod tests {
         assert_eq!(picture[(3, 3)], [0; 3], "the inside stays as it is");
         assert!([(2, 3), (4, 3), (3, 2), (3, 4), (1, 3), (5, 3)].iter().all(|at| picture[*at] == color));
         assert!([(0, 0), (8, 8), (3, 6)].iter().all(|at| picture[*at] == [0; 3]));
+    }
+
+    #[test]
+    fn what_goes_far_out_of_the_picture_is_not_drawn() {
+        let scene = plate();
+        let gone = scene_picture(&scene, Coloring::Objects, Some((2, &Isometry3::translation(1e300, -1e300, 0.0))));
+        assert!(gone.pixels().iter().all(|color| [PAPER, [190; 3]].contains(color)));
     }
 
     #[test]

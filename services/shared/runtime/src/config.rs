@@ -273,6 +273,11 @@ impl RuntimeConfig {
         check(caller.retries <= 10, "caller", "retries: at most 10")?;
         check(worker.name.as_ref().is_none_or(|n| chunk("name", n)), "worker", "name: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
         check(worker.max_open_calls > 0, "worker", "max_open_calls: at least 1")?;
+        check(
+            worker.outcomes_kept > 0,
+            "worker",
+            "outcomes_kept: at least 1, or an `execute` that is asked for again is carried out again",
+        )?;
         check((20..=500).contains(&worker.load_period_ms), "worker", "load_period_ms: expected 20 to 500")?;
         check(caller.pool.as_ref().is_none_or(|n| chunk("pool", n)), "caller", "pool: must be of the form [a-z0-9][a-z0-9_-]{0,63}")?;
         let shares = worker.shares.iter().map(|(cell, share)| (format!("shares.{cell}"), share));
@@ -282,6 +287,17 @@ impl RuntimeConfig {
         }
         Ok(())
     }
+}
+
+/// Refuses counts of a section, by field, of which at least one is needed: a queue without places would refuse every call.
+///
+/// # Errors
+/// [`RuntimeError::Config`] that names the section and the field.
+pub fn check_counts(section: &str, counts: &[(&str, usize)]) -> Result<(), RuntimeError> {
+    counts.iter().find(|(_, count)| *count == 0).map_or(Ok(()), |(field, _)| {
+        let message = format!("{field}: expected at least 1, got 0");
+        Err(RuntimeError::Config { section: section.to_owned(), file: None, message })
+    })
 }
 
 /// Reads one section: the file's, where there is one, and `REPOSE_{SECTION}__{FIELD}` over it. Unknown fields are the type's to refuse
@@ -400,6 +416,7 @@ mod tests {
         assert!(load("[session]\ncell = \"No Chunk\"\n").unwrap_err().to_string().contains("cell"));
         assert!(load("[session]\nmode = \"client\"\n").unwrap_err().to_string().contains("connect"));
         assert!(load("[session]\nlease_ms = \"soon\"\n").unwrap_err().to_string().contains("lease_ms"));
+        assert!(load("[worker]\noutcomes_kept = 0\n").unwrap_err().to_string().contains("outcomes_kept"));
         assert!(load("[caller]\nattempt_share = 2.0\n").unwrap_err().to_string().contains("attempt_share"));
     }
 }

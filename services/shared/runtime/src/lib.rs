@@ -108,7 +108,8 @@ pub use call_options::CallOptions;
 pub use caller::{Answer, Caller};
 pub use cell_callers::CellCallers;
 pub use config::{
-    CallerConfig, RuntimeConfig, SECTIONS, SessionConfig, SessionMode, TelemetryConfig, WorkerConfig, list_or_commas, load_config,
+    CallerConfig, RuntimeConfig, SECTIONS, SessionConfig, SessionMode, TelemetryConfig, WorkerConfig, check_counts, list_or_commas,
+    load_config,
 };
 pub use directory::{Accept, WorkerView};
 pub use endpoint::endpoint_fault;

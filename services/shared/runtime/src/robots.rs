@@ -13,16 +13,27 @@ const REPEAT: Duration = Duration::from_millis(20);
 /// After so long another's emergency stop that a state shows will do: a robot's side may keep showing the first.
 const ANOTHERS: Duration = Duration::from_secs(1);
 
-/// What a robot says of itself next.
+/// What a robot says of itself next that can be read.
 ///
 /// # Errors
-/// `unavailable` on `robot` when it says nothing in time.
+/// `unavailable` on `robot` when it says no such thing in time: what a robot's side says is no fault of whoever asks.
 pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Result<RobotState, CallError> {
     let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
-    match tokio::time::timeout(within, states.recv()).await {
-        Ok(sample) => sample.ok_or_else(closed)?.payload.decode_json(),
-        Err(_) => Err(CallError::new(ErrorCode::Unavailable, format!("robot {robot} does not tell its state")).at("robot")),
-    }
+    let mut unread = None;
+    let readable = async {
+        loop {
+            match states.recv().await.ok_or_else(closed)?.payload.decode_json::<RobotState>() {
+                Ok(state) => return Ok::<_, CallError>(state),
+                Err(error) => unread = Some(error),
+            }
+        }
+    };
+    let told = tokio::time::timeout(within, readable).await;
+    told.unwrap_or_else(|_| {
+        let silent = || format!("robot {robot} does not tell its state");
+        let message = unread.map_or_else(silent, |error| format!("robot {robot} tells no state that can be read: {error}"));
+        Err(CallError::new(ErrorCode::Unavailable, message).at("robot"))
+    })
 }
 
 /// How long it is listened for another driver of the same robot: states come twenty times a second or more often.
@@ -147,6 +158,23 @@ mod tests {
         }
         let unheard = emergency_stop_within(&session, "panda", "a test", "now", Duration::from_millis(50)).await;
         assert_eq!(unheard.expect_err("nobody shows it").code, ErrorCode::DeadlineExceeded);
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_state_that_cannot_be_read_is_the_robots_fault_and_not_that_of_whoever_asks() {
+        let session = Session::embedded().await.expect("a session");
+        let states = session.publisher(session.cell().robot_state("panda"), Traffic::RobotState);
+        let encoding = "application/json;repose.RobotState.v1".to_owned();
+        let of_later = Payload { encoding, bytes: br#"{"v": 1, "mode": "dancing"}"#.to_vec().into() };
+        let telling = tokio::spawn(async move {
+            loop {
+                states.put(of_later.clone()).await.expect("put");
+                tokio::time::sleep(REPEAT).await;
+            }
+        });
+        let refused = robot_state(&session, "panda", 25 * REPEAT).await.expect_err("nobody can read it");
+        telling.abort();
+        assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::Unavailable, Some("robot")), "{refused}");
     }
 
     #[tokio::test(flavor = "multi_thread")]

@@ -274,15 +274,29 @@ impl Caller {
         scene: Option<&Scene>,
         options: CallOptions,
     ) -> Result<MotionPlan, CallError> {
+        self.plan_with_scene(scene, |scene| Payload::with_scene(request, scene), options).await?.payload.decode_json()
+    }
+
+    /// The same with a request that `encode` makes, as for [`Caller::call_with_scene`]: the answer, which is a [`MotionPlan`].
+    ///
+    /// # Errors
+    /// Those of [`Caller::call_with_scene`].
+    pub async fn plan_with_scene(
+        &self,
+        scene: Option<&Scene>,
+        encode: impl Fn(Option<&Scene>) -> Result<Payload, CallError>,
+        options: CallOptions,
+    ) -> Result<Answer, CallError> {
         let deadline = Instant::now() + options.deadline;
-        let answer = self.call_with_scene("plan", scene, |scene| Payload::with_scene(request, scene), options.clone()).await?;
-        let plan: MotionPlan = answer.payload.decode_json()?;
+        let answer = self.call_with_scene("plan", scene, &encode, options.clone()).await?;
+        // One that cannot be read is for who asked to refuse, or to hand on: it may be of a later version.
+        let Ok(plan) = answer.payload.decode_json::<MotionPlan>() else { return Ok(answer) };
         // A plan that has half of its time left is young enough.
         let older_ms = |scene: &Scene| scene.stamp_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
-        let Some(younger) = scene.filter(|&scene| older_ms(scene) > plan.max_scene_age_ms / 2) else { return Ok(plan) };
-        let again = self.call("plan", Payload::with_scene(request, Some(younger))?, options.until(deadline)).await;
+        let Some(younger) = scene.filter(|&scene| older_ms(scene) > plan.max_scene_age_ms / 2) else { return Ok(answer) };
+        let again = self.call("plan", encode(Some(younger))?, options.until(deadline)).await;
         // Where there is no time for another the first one stands, as old as it says.
-        again.map_or(Ok(plan), |answer| answer.payload.decode_json())
+        Ok(again.unwrap_or(answer))
     }
 
     /// Calls with a request that names a scene by its id. A worker that lacks the scene is sent it whole, where it is at hand, within what is

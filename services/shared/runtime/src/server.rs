@@ -137,6 +137,11 @@ impl Server {
         &self.shared.worker
     }
 
+    /// How long [`Server::drain`] takes at most.
+    pub fn longest_drain(config: &WorkerConfig) -> Duration {
+        Duration::from_millis(config.drain_notice_ms) + Duration::from_millis(config.drain_ms) + cut_off_time(config) + COPIES_WAIT
+    }
+
     /// Stops serving: vanishes from the callers' sight, waits until they have noticed, refuses what still comes, lets open calls finish
     /// within a bound, cancels what is left.
     pub async fn drain(mut self) {
@@ -151,9 +156,7 @@ impl Server {
         if drained.is_err() {
             tracing::warn!(service = %shared.service, worker = shared.worker, "calls are cut off by the end of the drain");
             shared.registry().cancel_all();
-            // Each ends within its grace.
-            let grace = Duration::from_millis(config.cancel_grace_ms + 100);
-            drop(tokio::time::timeout(grace, shared.calls.wait()).await);
+            drop(tokio::time::timeout(cut_off_time(config), shared.calls.wait()).await);
         }
         // The copies of the last answers, too.
         drop(tokio::time::timeout(COPIES_WAIT, shared.journal.flush()).await);
@@ -166,6 +169,11 @@ impl Shared {
     fn registry(&self) -> MutexGuard<'_, Registry> {
         self.registry.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// How long calls that are cut off may take to end: each does within its grace.
+fn cut_off_time(config: &WorkerConfig) -> Duration {
+    Duration::from_millis(config.cancel_grace_ms) + Duration::from_millis(100)
 }
 
 /// A name that no other process has.

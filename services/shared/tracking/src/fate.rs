@@ -217,11 +217,14 @@ fn displaced(expected: &[Point3<f64>], seen: &[Point3<f64>], picture: Option<&De
     let (Some(was), Some(is)) = (middle(expected), middle(seen)) else { return Fate::Stands };
     let open = picture.map_or_else(Vec::new, |picture| uncovered(expected, picture));
     let is_there = are_near(seen, expected) || are_near(expected, seen) || (open.len() >= ENOUGH && are_near(&open, seen));
-    if !is_there {
-        return apart(&was, &is);
-    }
     // Most of something large is still where it was to be when it is pushed, and of something tall when it sinks.
-    apart(&Point3::origin(), &Point3::from(pushed_by(&open, seen)))
+    let pushed = apart(&Point3::origin(), &Point3::from(pushed_by(&open, seen)));
+    match (is_there, pushed, apart(&was, &is)) {
+        (true, Fate::Stands, _) => Fate::Stands,
+        // How far the ends have gone is at least that; the middle tells it better.
+        (true, pushed, Fate::Stands) => pushed,
+        (_, _, by_middle) => by_middle,
+    }
 }
 
 /// The points that nothing covers: what was read there tells of them.

@@ -81,7 +81,7 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
         RobotTableError::NoObject(_) => Failure::bad_input("objects", format!("{}: {e}", args.objects.display())),
         other => Failure::other(other),
     })?;
-    output.print(&report::robot::document(&table), || report::robot::text_of(&table))?;
+    output.print(&report::robot::document(&table, &settings, models.engine().weights_hash()), || report::robot::text_of(&table))?;
     // A disk that fills up takes pictures, and not the table.
     match picture_failure {
         Some(failure) => {

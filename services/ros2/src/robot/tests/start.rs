@@ -21,6 +21,22 @@ fn a_bridge_that_starts_is_stopped_until_somebody_clears_that() {
 }
 
 #[test]
+fn joints_that_nobody_tells_of_by_their_configured_names_are_named() {
+    let joints = std::array::from_fn(|i| format!("fr3_joint{}", i + 1));
+    let mut of_another = Trial::started(RobotConfig { joints, ..config(true) });
+    assert!(of_another.side.state(of_another.now_ms, 0).is_none());
+    let said = of_another.side.untold(of_another.now_ms).expect("words");
+    assert!(said.contains("fr3_joint1, ") && said.contains("fr3_joint7:") && said.contains("/joint_states"), "{said}");
+    for (hand, named) in [(true, true), (false, false)] {
+        let trial = Trial::started(RobotConfig { finger_joints: vec!["fr3_finger_joint1".to_owned()], ..config(hand) });
+        assert_eq!(trial.side.untold(trial.now_ms).is_some_and(|said| said.contains("fr3_finger_joint1")), named);
+    }
+    let trial = Trial::started(config(true));
+    assert_eq!(trial.side.untold(trial.now_ms), None);
+    assert!(trial.side.untold(trial.now_ms + 600).is_some_and(|said| said.contains("no state")));
+}
+
+#[test]
 fn what_an_earlier_process_left_is_canceled_until_the_controller_has_said_that_nothing_is_left() {
     let mut trial = Trial::started(config(false));
     trial.side.emergency_stop(&EmergencyStop::read(b"e1"));

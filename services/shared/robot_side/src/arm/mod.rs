@@ -456,9 +456,10 @@ impl Arm {
 
     fn latch(&mut self, stop: StopState) {
         self.stop = Some(stop);
-        self.stream = None;
         self.gripper = None;
         let CommandRuleSettings { limits, period_s, .. } = self.settings.rules;
+        // An arm that comes back from beyond them has those of its stream.
+        let limits = self.stream.take().map_or(limits, |stream| *stream.rules.limits());
         let settings = StopSettings { limits, period_s, gentle_share: self.settings.gentle_share };
         self.braking = (!self.motion.is_at_rest()).then(|| Stop::new(&self.motion, &settings));
     }

@@ -72,6 +72,29 @@ fn each_broken_rule_stops_with_its_name() {
 }
 
 #[test]
+fn an_arm_that_stands_beyond_its_limits_comes_back_and_goes_no_further() {
+    // As a driver has them that keeps off the robot's own.
+    let mut settings = ArmSettings::default();
+    settings.rules.limits.position_upper_rad[0] -= 0.005;
+    let mut stands_rad = READY;
+    stands_rad[0] = settings.rules.limits.position_upper_rad[0] + 0.003;
+    let from_there = |delta_rad| {
+        let mut points = swing(delta_rad, 2000.0);
+        points.iter_mut().for_each(|p| p.q_rad[0] += stands_rad[0] - READY[0]);
+        let mut arm = Arm::standing_at(stands_rad, settings);
+        arm.command(&command(1, 1, points), 0.0).expect("taken");
+        run(&mut arm, 2100, 0.0);
+        arm
+    };
+    let back = from_there(-0.5);
+    assert_eq!((back.mode(), back.stop()), (RobotMode::Idle, None));
+    assert!((back.q_rad()[0] - stands_rad[0] + 0.5).abs() < 1e-6);
+    let further = from_there(0.001);
+    assert_eq!(further.stop().map(|s| s.kind.as_str()), Some("joint_position_limit"));
+    assert!(further.q_rad()[0] <= stands_rad[0]);
+}
+
+#[test]
 fn a_silent_commander_stops_the_arm() {
     for expires in [false, true] {
         let mut arm = Arm::default();
