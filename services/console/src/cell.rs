@@ -21,6 +21,7 @@ use crate::ConsoleConfig;
 use crate::arm::{PlanShown, link_poses};
 use crate::arrangement::ArrangementShown;
 use crate::messages::{Activity, RobotShown, ServerMessage, StepShown, SystemShown, WorkerShown};
+use crate::robots::KnownRobots;
 use crate::stage::GoalStage;
 use crate::system::SceneArrivals;
 use crate::view::{CameraPicture, SceneView, ViewReason, picture_bytes};
@@ -30,8 +31,6 @@ use crate::viewers::{Audience, Topic, ViewerMessage};
 const STATES: usize = 256;
 /// Scene summaries that may.
 const SUMMARIES: usize = 64;
-/// Robots that are followed in one cell; further ones are left out.
-const MAX_ROBOTS: usize = 16;
 /// Pictures kept to go with the scenes made of them.
 const PICTURES: usize = 8;
 /// Views kept for goals about them; what a viewer holds is kept beside these.
@@ -64,7 +63,7 @@ struct Shared {
 #[derive(Default)]
 struct Parts {
     cameras: SceneArrivals,
-    robots: BTreeMap<String, RobotState>,
+    robots: KnownRobots,
     activity: Activity,
     /// The plan that is shown.
     plan: Option<String>,
@@ -123,10 +122,10 @@ impl WatchedCell {
     /// `unavailable` when it has told none.
     pub fn robot(&self, robot: &str) -> Result<RobotState, CallError> {
         let silent = || CallError::new(ErrorCode::Unavailable, format!("robot {robot} does not tell its state")).at("robot");
-        locked(&self.shared.known).robots.get(robot).cloned().ok_or_else(silent)
+        locked(&self.shared.known).robots.state(robot).cloned().ok_or_else(silent)
     }
 
-    /// Follows one of this cell's cameras; the first by name where none is named.
+    /// Follows one of this cell's cameras; the first by name that shows something where none is named.
     ///
     /// # Errors
     /// `unavailable` when there is no camera yet, or what the network says.
@@ -156,7 +155,7 @@ impl WatchedCell {
         loop {
             let mut changed = std::pin::pin!(self.shared.camera_came.notified());
             changed.as_mut().enable();
-            if let Some(name) = locked(&self.shared.known).cameras.first() {
+            if let Some(name) = locked(&self.shared.known).cameras.first(Instant::now()) {
                 return name.to_owned();
             }
             changed.await;
@@ -300,12 +299,8 @@ impl Shared {
     }
 
     fn saw_robot(&self, robot: &str, state: RobotState) {
-        {
-            let robots = &mut locked(&self.known).robots;
-            if robots.len() >= MAX_ROBOTS && !robots.contains_key(robot) {
-                return;
-            }
-            robots.insert(robot.to_owned(), state.clone());
+        if !locked(&self.known).robots.saw(robot, state.clone(), Instant::now()) {
+            return;
         }
         let links = link_poses(&world_from_base(&state), &state.q_rad);
         let shown = RobotShown { robot: robot.to_owned(), state, links };
@@ -345,8 +340,9 @@ impl Shared {
         let told = workers.iter().flat_map(|worker| &worker.load).flat_map(|load| &load.cameras);
         let (cameras, robots, is_new) = {
             let mut known = locked(&self.known);
-            let is_new = known.cameras.told(told, now);
-            (known.cameras.shown(now), known.robots.keys().cloned().collect(), is_new)
+            let (is_new, robots) = (known.cameras.told(told, now), known.robots.names(now));
+            self.audience.forget(|topic| matches!(topic, Topic::Robot(name) if !robots.contains(name)));
+            (known.cameras.shown(now), robots, is_new)
         };
         if is_new {
             self.camera_came.notify_waiters();

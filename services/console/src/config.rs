@@ -22,7 +22,7 @@ pub struct ConsoleConfig {
     /// a page of somebody else's cannot reach this one under a name of its own.
     #[serde(deserialize_with = "repose_runtime::list_or_commas")]
     pub hosts: Vec<String>,
-    /// The certificate chain, PEM. With `private_key` the page is served over TLS.
+    /// The certificate chain, PEM. With `private_key` the page is served over TLS. Where the files are renewed they are taken up within a minute.
     pub certificate: Option<PathBuf>,
     /// The certificate's private key, PEM.
     pub private_key: Option<PathBuf>,

@@ -12,6 +12,7 @@ pub mod config;
 pub mod endpoints;
 pub mod messages;
 pub mod page;
+pub mod robots;
 pub mod stage;
 pub mod system;
 pub mod tls;

@@ -9,8 +9,10 @@ use crate::messages::CameraShown;
 
 /// Weight of the newest interval between two scenes in the smoothed one.
 const NEWEST: f64 = 0.2;
-/// How long a camera that shows nothing is remembered.
-const REMEMBERED: Duration = Duration::from_secs(600);
+/// How long a camera that shows nothing, and a robot that tells nothing, is remembered.
+pub const REMEMBERED: Duration = Duration::from_secs(600);
+/// A camera whose newest scene came longer ago shows nothing now: of a stream that nobody asks about there is one every ten seconds.
+const SHOWS: Duration = Duration::from_secs(30);
 
 struct Seen {
     at: Instant,
@@ -47,9 +49,11 @@ impl SceneArrivals {
         is_new
     }
 
-    /// The first of them by name.
-    pub fn first(&self) -> Option<&str> {
-        self.0.keys().next().map(String::as_str)
+    /// The first by name of those that show something now; where none does, the one that did last.
+    pub fn first(&self, now: Instant) -> Option<&str> {
+        let shows = |(_, seen): &(&String, &Seen)| now.duration_since(seen.at) < SHOWS;
+        let last = || self.0.iter().max_by_key(|(_, seen)| seen.at);
+        self.0.iter().find(shows).or_else(last).map(|(name, _)| name.as_str())
     }
 
     /// Each as viewers get it; those long silent are forgotten.
@@ -75,7 +79,7 @@ mod tests {
     fn a_camera_has_the_rate_of_its_scenes_and_loses_it_when_it_stops() {
         let (mut cameras, start) = (SceneArrivals::default(), Instant::now());
         let at = |ms: u64| start + Duration::from_millis(ms);
-        assert!(cameras.saw("front", at(0)) && cameras.first() == Some("front"));
+        assert!(cameras.saw("front", at(0)) && cameras.first(at(0)) == Some("front"));
         for k in 1..50 {
             assert!(!cameras.saw("front", at(200 * k)));
         }
@@ -89,5 +93,17 @@ mod tests {
         };
         assert!(told(0, at(10_000_000)) && !told(0, at(10_000_500)));
         assert!((cameras.shown(at(10_001_000))[0].age_ms - 1000.0).abs() < 1e-6, "its scene is as old as it was told first");
+    }
+
+    #[test]
+    fn a_camera_that_has_died_is_not_chosen_before_one_that_shows_something() {
+        let (mut cameras, start) = (SceneArrivals::default(), Instant::now());
+        let at = |s: u64| start + Duration::from_secs(s);
+        assert!(cameras.saw("a-died", at(0)) && cameras.saw("front", at(0)) && cameras.saw("wrist", at(1)));
+        assert_eq!(cameras.first(at(5)), Some("a-died"), "nobody knows yet");
+        cameras.saw("wrist", at(500));
+        cameras.saw("front", at(505));
+        assert_eq!(cameras.first(at(510)), Some("front"));
+        assert_eq!(cameras.first(at(590)), Some("front"), "none shows anything, and this one did last");
     }
 }

@@ -224,6 +224,11 @@ impl Audience {
         told.viewers.insert(viewer, outbox);
     }
 
+    /// Forgets what was told last of some topics: those who come later are not told of them.
+    pub fn forget(&self, is_out_of_date: impl Fn(&Topic) -> bool) {
+        self.told().newest.retain(|topic, _| !is_out_of_date(topic));
+    }
+
     /// Takes a viewer out.
     pub fn leave(&self, viewer: u64) {
         self.told().viewers.remove(&viewer);

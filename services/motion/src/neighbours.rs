@@ -164,9 +164,19 @@ impl Neighbours {
     }
 }
 
-/// Keeps what a robot has told. Where there are as many as are followed, one that cannot be met makes room: the robots of a large hall must not keep
-/// out the one that stands beside.
+/// Keeps what a robot has told. One that has fallen silent goes where another tells that it stands there: it is that arm under the name that it had
+/// before, and as that it would stand in the way for as long as this process runs. Where there are as many as are followed, one that cannot be met makes
+/// room: the robots of a large hall must not keep out the one that stands beside.
 fn keep(told: &mut BTreeMap<String, LastState>, robot: &str, last: LastState, world_from_base: &Isometry3<f64>) {
+    let base = base_of(&last.state);
+    told.retain(|name, before| {
+        let is_silent = last.heard.saturating_duration_since(before.heard) > SILENT;
+        let stands_there = || {
+            let apart_m = |(a, b): (Isometry3<f64>, Isometry3<f64>)| (a.translation.vector - b.translation.vector).norm();
+            base.zip(base_of(&before.state)).map(apart_m).is_some_and(|apart_m| apart_m < SAME_BASE_M)
+        };
+        name == robot || !is_silent || !stands_there()
+    });
     if told.len() >= MAX_ROBOTS && !told.contains_key(robot) {
         let cannot_be_met = |(_, last): &(&String, &LastState)| base_within_reach(&last.state, world_from_base).is_none();
         let Some(far) = told.iter().find(cannot_be_met).map(|(name, _)| name.clone()) else { return };
@@ -175,9 +185,14 @@ fn keep(told: &mut BTreeMap<String, LastState>, robot: &str, last: LastState, wo
     told.insert(robot.to_owned(), last);
 }
 
+/// Where a robot's base stands; none where it does not tell.
+fn base_of(state: &RobotState) -> Option<Isometry3<f64>> {
+    from_row_major(&state.world_from_base.as_ref()?.0).ok()
+}
+
 /// Where the base of a robot stands that one at another base could meet; none where it could not, and where it does not tell.
 fn base_within_reach(state: &RobotState, from: &Isometry3<f64>) -> Option<Isometry3<f64>> {
-    let world_from_base: Isometry3<f64> = from_row_major(&state.world_from_base.as_ref()?.0).ok()?;
+    let world_from_base = base_of(state)?;
     let apart_m = (world_from_base.translation.vector - from.translation.vector).norm();
     (SAME_BASE_M..FAR_M).contains(&apart_m).then_some(world_from_base)
 }
@@ -271,6 +286,20 @@ mod tests {
         }
         assert_eq!(tell("far-99".to_owned(), [99.0, 0.0]), (MAX_ROBOTS, false), "it cannot be met, and all the others can");
         assert_eq!(tell("beside-3".to_owned(), [0.0, 1.0]), (MAX_ROBOTS, true));
+    }
+
+    #[test]
+    fn an_arm_that_has_another_name_since_does_not_stand_in_the_way_of_itself() {
+        let (mut told, own, start) = (BTreeMap::new(), Isometry3::identity(), Instant::now());
+        let mut tell = |robot: &str, at_m: [f64; 2], since: Duration| {
+            keep(&mut told, robot, LastState { state: standing(at_m, "moving"), heard: start + since }, &own);
+            told.keys().cloned().collect::<Vec<_>>()
+        };
+        tell("other", [0.0, 0.9], Duration::ZERO);
+        tell("panda", [0.9, 0.0], Duration::ZERO);
+        // Two drivers that both live may have one of the bases wrong.
+        assert_eq!(tell("right", [0.91, 0.0], SILENT / 2), ["other", "panda", "right"]);
+        assert_eq!(tell("right", [0.91, 0.0], 2 * SILENT), ["other", "right"], "the other's driver has died, and its arm is still there");
     }
 
     #[tokio::test(flavor = "multi_thread")]

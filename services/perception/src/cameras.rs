@@ -5,6 +5,7 @@
 //! frames become one (`pace`). A camera's frames are taken one after the other in
 //! the order that they came in, up to the publishing: what was published last is its newest scene.
 
+pub mod faults;
 pub mod names;
 pub mod newest;
 pub mod pace;
@@ -22,6 +23,7 @@ use crate::config::PerceptionConfig;
 use crate::newest_scenes::{Arrival, KeptScene};
 use crate::report::report;
 use crate::worker::{FrameOrigin, Worker};
+use faults::CameraFaults;
 use names::CameraNames;
 use newest::{NewestFrames, Placed};
 
@@ -141,6 +143,7 @@ pub struct CameraFollower {
     /// One permit per compute thread: a frame is taken when it can be started, so that it is the newest one then.
     threads: Arc<Semaphore>,
     counts: FrameCounts,
+    faults: CameraFaults,
 }
 
 impl CameraFollower {
@@ -155,6 +158,7 @@ impl CameraFollower {
             unheard: Notify::new(),
             threads: Arc::new(Semaphore::new(config.threads.max(1))),
             counts: FrameCounts::new(CameraNames::new(config.max_cameras)),
+            faults: CameraFaults::default(),
         })
     }
 
@@ -329,10 +333,16 @@ impl CameraFollower {
             Ok(made) => made,
             Err(error) => {
                 self.counts.count(Became::of(&error), camera, 1);
-                tracing::warn!(camera, %error, "a frame gave no scene");
+                match self.faults.begins(self.counts.name(camera), &error) {
+                    true => tracing::warn!(camera, %error, "frames give no scene"),
+                    false => tracing::debug!(camera, %error, "a frame gave no scene"),
+                }
                 return;
             }
         };
+        if self.faults.ends(&self.counts.name(camera)) {
+            tracing::info!(camera, "frames give scenes again");
+        }
         let stamp_ns = scene.summary.stamp_ns;
         let lag_ms = (now_ns() as f64 - stamp_ns as f64) * 1e-6 - frame.came.elapsed().as_secs_f64() * 1e3;
         let summary = Payload::json(&scene.summary);

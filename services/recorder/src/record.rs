@@ -417,7 +417,7 @@ mod tests {
         tokio::spawn(async move {
             // As the writer does while a scene may come.
             given_up.cancelled().await;
-            drop(ended.send("written"));
+            let _heard = ended.send("written");
         });
         assert_eq!(last_written(&mut writing, &late).await, Ok("written"));
     }

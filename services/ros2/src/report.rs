@@ -17,19 +17,45 @@ struct Part {
     /// What it does where all is well.
     doing: Option<&'static str>,
     /// What was warned of since the last report, and in that one.
-    warned: Option<String>,
-    reported: Option<String>,
+    warned: Warnings,
+    reported: Warnings,
     /// What is wrong for as long as it is said to be, by what it is about.
     standing: BTreeMap<String, String>,
     counts: BTreeMap<&'static str, u64>,
 }
 
+/// Warnings by what they are about, the newest last, of each the newest words.
+#[derive(Debug, Clone, Default)]
+struct Warnings(Vec<(&'static str, String)>);
+
+impl Warnings {
+    fn are_about(&self, what: &str) -> bool {
+        self.0.iter().any(|(about, _)| *about == what)
+    }
+
+    fn put(&mut self, what: &'static str, words: String) {
+        self.0.retain(|(about, _)| *about != what);
+        self.0.push((what, words));
+    }
+
+    fn newest(&self) -> Option<&String> {
+        self.0.last().map(|(_, words)| words)
+    }
+}
+
 impl Part {
+    /// Takes a warning; whether it is one that was not there before.
+    fn warn(&mut self, what: &'static str, words: String) -> bool {
+        let is_new = !self.warned.are_about(what) && !self.reported.are_about(what);
+        self.warned.put(what, words);
+        is_new
+    }
+
     /// Level and words of a report, which takes what was warned of.
     fn report(&mut self) -> (u8, String) {
-        self.reported = self.warned.take();
+        self.reported = std::mem::take(&mut self.warned);
         // Of two about a topic, a type comes after silence in the alphabet and is why.
-        let warning = self.reported.as_ref().or_else(|| self.standing.values().next_back());
+        let warning = self.reported.newest().or_else(|| self.standing.values().next_back());
         match (&self.fault, warning) {
             (Some(fault), _) => (FAULT, fault.clone()),
             (None, Some(warning)) => (WARNING, warning.clone()),
@@ -49,14 +75,14 @@ impl Reports {
         self.parts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Warns of a part; the same words again are not logged until a report without them.
-    pub fn warn(&self, part: &str, words: String) {
+    /// Warns of a part. Another warning about the same is not logged until a report without one: words tell how late a picture was, or which scene
+    /// could not be had, and are others with every picture.
+    pub fn warn(&self, part: &str, what: &'static str, words: String) {
         let mut parts = self.parts();
         let held = parts.entry(part.to_owned()).or_default();
-        if held.warned.as_ref() != Some(&words) && held.reported.as_ref() != Some(&words) {
+        if held.warn(what, words.clone()) {
             tracing::warn!(part, "{words}");
         }
-        held.warned = Some(words);
     }
 
     /// Warns of something about a part until it is told that it is well again.
@@ -110,13 +136,13 @@ mod tests {
     #[test]
     fn a_warning_is_there_until_a_report_without_it_and_a_stop_until_it_is_cleared() {
         let reports = Reports::default();
-        reports.warn("front", "no pose".to_owned());
+        reports.warn("front", "pose", "no pose".to_owned());
         reports.count("front", "frames", 3);
         let levels = || reports.array("repose", 0).status.iter().map(|s| (s.level, s.message.clone())).collect::<Vec<_>>();
         assert_eq!(levels(), [(WARNING, "no pose".to_owned())]);
         assert_eq!(levels(), [(GOOD, "good".to_owned())]);
         reports.robot("front", RobotMode::Stopped, Some("estop: me".to_owned()));
-        reports.warn("front", "no pose".to_owned());
+        reports.warn("front", "pose", "no pose".to_owned());
         assert_eq!(levels(), [(FAULT, "estop: me".to_owned())]);
         reports.robot("front", RobotMode::Idle, None);
         assert_eq!(levels(), [(GOOD, "standing".to_owned())]);
@@ -124,5 +150,20 @@ mod tests {
         assert_eq!((levels(), levels()[0].0), (vec![(WARNING, "another type".to_owned())], WARNING));
         reports.standing("front", "/depth", None);
         assert_eq!(levels(), [(GOOD, "standing".to_owned())]);
+    }
+
+    #[test]
+    fn what_is_wrong_with_every_picture_is_logged_as_it_begins_and_reported_as_it_is_now() {
+        let (mut part, mut logged) = (Part::default(), Vec::new());
+        for age_ms in 0..300 {
+            logged.push(part.warn("late", format!("depth was {age_ms} ms old")));
+            logged.push(part.warn("no_pose", format!("known up to {age_ms} ms before")));
+            if age_ms % 100 == 99 {
+                assert_eq!(part.report(), (WARNING, format!("known up to {age_ms} ms before")));
+            }
+        }
+        assert!(logged[0] && logged[1] && !logged[2..].contains(&true));
+        assert_eq!(part.report().0, GOOD);
+        assert!(part.warn("late", "depth was 7 ms old".to_owned()), "it begins anew");
     }
 }

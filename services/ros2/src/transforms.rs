@@ -11,7 +11,7 @@ const KEPT_NS: u64 = 10_000_000_000;
 const OTHER_CLOCK_NS: u64 = 2_000_000_000;
 /// Transforms of one frame that are kept at most.
 const MOST: usize = 4096;
-/// Frames that are known at most.
+/// Frames that are known at most: of those that move, the one that was told of longest ago makes room for another.
 const FRAMES: usize = 4096;
 /// Frames between two at most; more is a circle.
 const DEEPEST: usize = 64;
@@ -63,12 +63,16 @@ struct Branch {
     is_static: bool,
     /// By stamp.
     parent_from_child: VecDeque<(u64, Isometry3<f64>)>,
+    /// How many transforms had come when the last one of it did.
+    told: u64,
 }
 
 /// The frames of a system.
 #[derive(Debug, Clone, Default)]
 pub struct Transforms {
     branches: BTreeMap<String, Branch>,
+    /// Transforms that have come.
+    told: u64,
 }
 
 impl Transforms {
@@ -76,15 +80,17 @@ impl Transforms {
     pub fn take(&mut self, told: &TransformStamped, is_static: bool) -> bool {
         let (child, parent) = (plain(&told.child_frame_id), plain(&told.header.frame_id));
         let Some(pose) = isometry(&told.transform) else { return false };
-        let is_new = !self.branches.contains_key(child);
-        if child.is_empty() || child == parent || (is_new && self.branches.len() >= FRAMES) {
+        if child.is_empty() || child == parent || !self.has_room_for(child) {
             return false;
         }
-        let fresh = || Branch { parent: parent.to_owned(), is_static, parent_from_child: VecDeque::new() };
+        self.told += 1;
+        let told_of = self.told;
+        let fresh = || Branch { parent: parent.to_owned(), is_static, parent_from_child: VecDeque::new(), told: told_of };
         let branch = self.branches.entry(child.to_owned()).or_insert_with(fresh);
         if branch.parent != parent || branch.is_static != is_static {
             *branch = fresh();
         }
+        branch.told = told_of;
         let stamp_ns = told.header.stamp.as_ns();
         let poses = &mut branch.parent_from_child;
         if is_static {
@@ -104,6 +110,17 @@ impl Transforms {
             poses.pop_front();
         }
         true
+    }
+
+    /// Whether a frame is known or can be. Whoever follows things gives each a frame of its own, and within days there are as many as are known: those of
+    /// things that have gone are told of no more.
+    fn has_room_for(&mut self, child: &str) -> bool {
+        if self.branches.len() < FRAMES || self.branches.contains_key(child) {
+            return true;
+        }
+        let moving = self.branches.iter().filter(|(_, branch)| !branch.is_static);
+        let oldest = moving.min_by_key(|(_, branch)| branch.told).map(|(frame, _)| frame.clone());
+        oldest.is_some_and(|oldest| self.branches.remove(&oldest).is_some())
     }
 
     /// Where frame `of` is in frame `to` at an instant: `to` from `of`.
@@ -268,5 +285,19 @@ mod tests {
         tree.take(&told("world", "camera", 3 * SECOND / 4, 2.5, 0.0), false);
         assert_eq!(tree.lookup("world", "camera", 3 * SECOND / 4).map(|p| p.translation.x), Ok(2.5));
         assert!(tree.lookup("world", "camera", SECOND).is_ok());
+    }
+
+    #[test]
+    fn frames_of_things_that_have_gone_make_room_for_others_and_those_that_are_told_of_stay() {
+        let mut tree = Transforms::default();
+        tree.take(&told("world", "base", 0, 1.0, 0.0), true);
+        let last = FRAMES as u64 + 9;
+        for k in 0..=last {
+            tree.take(&told("base", "hand", k * SECOND, 0.5, 0.0), false);
+            assert!(tree.take(&told("world", &format!("thing_{k}"), k * SECOND, 0.0, 0.0), false), "{k}");
+        }
+        assert_eq!(tree.branches.len(), FRAMES);
+        assert!(tree.lookup("world", "hand", last * SECOND).is_ok() && !tree.is_known("thing_0"));
+        assert!(tree.lookup("world", &format!("thing_{last}"), last * SECOND).is_ok());
     }
 }

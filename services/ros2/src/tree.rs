@@ -58,14 +58,14 @@ impl TreeSource {
             };
             match message {
                 None => return Ok(()),
-                Some(Err(error)) => reports.warn("tf", error.to_string()),
+                Some(Err(error)) => reports.warn("tf", "message", error.to_string()),
                 Some(Ok(message)) => {
                     let mut held = tree.held();
                     let refused = message.transforms.iter().filter(|told| !held.take(told, is_static)).count();
                     drop(held);
                     tree.changed.send_modify(|count| *count += 1);
                     if refused > 0 {
-                        reports.warn("tf", format!("{refused} transforms are no rigid motions between two frames"));
+                        reports.warn("tf", "transforms", format!("{refused} transforms are no rigid motions between two frames"));
                     }
                 }
             }

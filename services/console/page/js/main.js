@@ -151,6 +151,7 @@ function systemShown(message) {
   const names = message.cameras.map(({ name }) => name);
   if (!hasWatched && names.length) watch();
   choices(byId("camera"), names, camera ?? newest?.camera);
+  forgetRobots(message.robots);
   choices(byId("robot"), message.robots, robot);
   // The name may be one of another day: where others are there, and nothing came of it, it is waited for in vain.
   const isGone = camera !== undefined && names.length > 0 && !names.includes(camera) && !newest && pictureShown.at === undefined && isStale(watchedAt);
@@ -412,6 +413,21 @@ function robotShown(shown) {
   world.showRobot(shown);
   if (shown.robot === unheard && isStopped(shown.state) && !isStale(shown.heardAt)) confirmed();
   if (shown.robot === robot) chosenShown();
+}
+
+/** Lets robots go that the console knows no more: they have said nothing for long, and may have other names by now. */
+function forgetRobots(known) {
+  const gone = [...robots.values()].filter(({ robot: name, heardAt }) => !known.includes(name) && isStale(heardAt));
+  for (const { robot: name } of gone) {
+    robots.delete(name);
+    world.forgetRobot(name);
+  }
+  if (!gone.some(({ robot: name }) => name === robot)) return;
+  [robot] = [...robots.keys()].sort();
+  // What is carried out next is of this one.
+  discard();
+  motion.fault();
+  chosenShown();
 }
 
 /** Shows the chosen robot as it was last heard of. */

@@ -357,6 +357,16 @@ export class World {
     this.redraw();
   }
 
+  /** Takes a robot away. */
+  forgetRobot(robot) {
+    const arm = this.arms.get(robot);
+    if (!arm) return;
+    this.layers.arm.remove(arm.group);
+    dispose(arm.group);
+    this.arms.delete(robot);
+    this.redraw();
+  }
+
   /** Takes the robots away: another cell's come. */
   forget() {
     for (const { group } of this.arms.values()) dispose(group);

@@ -1,10 +1,10 @@
 //! The newest states of a cell's robots, and where each robot was at the instant of a frame.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use repose_proto::robot::RobotState;
-use repose_proto::{RobotInView, SceneWarning};
+use repose_proto::{RigidTransform, RobotInView, SceneWarning};
 
 /// States of a robot are kept this far apart, nanoseconds: some tell a thousand a second, and a straight way between two is near enough.
 const APART_NS: u64 = 5_000_000;
@@ -12,17 +12,30 @@ const APART_NS: u64 = 5_000_000;
 const MAX_STATES: usize = 4096;
 /// Robots of a cell that are followed.
 const MAX_ROBOTS: usize = 16;
+/// A robot of which nothing was read for longer than this, while another's states were, is silent: states come twenty times a second or more often.
+const SILENT: Duration = Duration::from_secs(2);
+/// Bases within this are one robot's, under two names, metres: no two arms stand there.
+const SAME_BASE_M: f64 = 0.1;
 /// Two states this near to each other say that a robot stood there between them, radians and metres.
 const STILL_RAD: f64 = 0.01;
 const STILL_M: f64 = 0.002;
 /// A state says where a robot was for this long before and after it, nanoseconds: an arm that is stopped meanwhile is 10 cm off at most.
 const HOLDS_NS: u64 = 100_000_000;
 
-/// States by robot, oldest first.
+/// The states of the cell's robots.
 #[derive(Debug)]
 pub struct RobotStates {
     kept_ns: u64,
-    by_robot: BTreeMap<String, VecDeque<RobotState>>,
+    by_robot: BTreeMap<String, ToldStates>,
+}
+
+/// What one robot told.
+#[derive(Debug)]
+struct ToldStates {
+    /// The oldest first.
+    states: VecDeque<RobotState>,
+    /// When the last one was read.
+    heard: Instant,
 }
 
 impl RobotStates {
@@ -34,10 +47,17 @@ impl RobotStates {
 
     /// A robot told its state.
     pub fn put(&mut self, robot: &str, state: RobotState) {
+        self.put_at(robot, state, Instant::now());
+    }
+
+    fn put_at(&mut self, robot: &str, state: RobotState, now: Instant) {
+        self.make_room(robot, &state, now);
         if !self.by_robot.contains_key(robot) && self.by_robot.len() >= MAX_ROBOTS {
             return;
         }
-        let states = self.by_robot.entry(robot.to_owned()).or_default();
+        let told = self.by_robot.entry(robot.to_owned()).or_insert_with(|| ToldStates { states: VecDeque::new(), heard: now });
+        told.heard = now;
+        let states = &mut told.states;
         let stamp_ns = state.stamp_ns;
         if states.back().is_some_and(|newest| newest.stamp_ns.abs_diff(stamp_ns) < APART_NS) {
             return;
@@ -49,6 +69,22 @@ impl RobotStates {
         }
     }
 
+    /// Makes room for a robot that tells its state. One that has fallen silent goes where this one tells that it stands there: it is that arm under the
+    /// name that it had before, and would be taken out of all pictures to come where it stood then. Names come and go while a cell runs for weeks: where
+    /// there are as many as are followed, the one that has been silent for the longest goes.
+    fn make_room(&mut self, robot: &str, state: &RobotState, now: Instant) {
+        let is_silent = |told: &ToldStates| now.saturating_duration_since(told.heard) > SILENT;
+        let stands_there = |told: &ToldStates| told.states.back().is_some_and(|last| share_base(last, state));
+        self.by_robot.retain(|name, told| name == robot || !is_silent(told) || !stands_there(told));
+        if self.by_robot.contains_key(robot) || self.by_robot.len() < MAX_ROBOTS {
+            return;
+        }
+        let silent = self.by_robot.iter().filter(|(_, told)| is_silent(told)).min_by_key(|(_, told)| told.heard);
+        if let Some(gone) = silent.map(|(name, _)| name.clone()) {
+            self.by_robot.remove(&gone);
+        }
+    }
+
     /// Whether no robot told anything yet.
     pub fn is_empty(&self) -> bool {
         self.by_robot.is_empty()
@@ -56,7 +92,7 @@ impl RobotStates {
 
     /// The robots at an instant, of those that say where their base stands and told a state near it.
     pub fn at(&self, stamp_ns: u64) -> Vec<RobotInView> {
-        self.by_robot.iter().filter_map(|(name, states)| in_view(name, states, stamp_ns)).collect()
+        self.by_robot.iter().filter_map(|(name, told)| in_view(name, &told.states, stamp_ns)).collect()
     }
 
     /// All robots at an instant: one that told nothing near it is taken to stand where it told last (or first) that it stood, which is said unless it
@@ -64,7 +100,7 @@ impl RobotStates {
     /// out, and that is said.
     pub fn at_or_nearest(&self, stamp_ns: u64) -> (Vec<RobotInView>, Vec<SceneWarning>) {
         let (mut robots, mut warnings) = (Vec::new(), Vec::new());
-        for (name, states) in &self.by_robot {
+        for (name, ToldStates { states, .. }) in &self.by_robot {
             if let Some(robot) = in_view(name, states, stamp_ns) {
                 robots.push(robot);
                 continue;
@@ -91,6 +127,13 @@ impl RobotStates {
         }
         (robots, warnings)
     }
+}
+
+/// Whether two states tell of one base.
+fn share_base(a: &RobotState, b: &RobotState) -> bool {
+    let place = |state: &RobotState| state.world_from_base.map(|RigidTransform(pose)| [pose[3], pose[7], pose[11]]);
+    let apart_m = |(a, b): ([f64; 3], [f64; 3])| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+    place(a).zip(place(b)).map(apart_m).is_some_and(|apart_m| apart_m < SAME_BASE_M)
 }
 
 /// Whether a robot stood where the states before and after an instant have it.
@@ -139,7 +182,6 @@ fn standing(name: &str, state: &RobotState, joints_rad: [f64; 7], width_m: f64) 
 
 #[cfg(test)]
 mod tests {
-    use repose_proto::RigidTransform;
     use repose_proto::robot::RobotMode;
 
     use super::*;
@@ -210,6 +252,45 @@ mod tests {
         assert_eq!(states.at_or_nearest(25_000_000_000).1.len(), 1, "it moved meanwhile");
     }
 
+    /// A base so far along x, metres.
+    fn base_at(x_m: f64) -> Option<RigidTransform> {
+        let mut pose = RigidTransform::IDENTITY;
+        pose.0[3] = x_m;
+        Some(pose)
+    }
+
+    #[test]
+    fn an_arm_that_has_another_name_since_is_not_where_it_was_under_the_old_one() {
+        let (mut states, start) = (RobotStates::new(Duration::from_secs(1)), Instant::now());
+        let mut tell = |robot: &str, base_m: f64, since: Duration| {
+            states.put_at(robot, state(1_000_000_000 + since.as_nanos() as u64, 0.1, base_at(base_m)), start + since);
+            states.at_or_nearest(20_000_000_000).0.into_iter().map(|robot| robot.name).collect::<Vec<_>>()
+        };
+        tell("other", 1.0, Duration::ZERO);
+        tell("panda", 0.0, Duration::ZERO);
+        assert_eq!(tell("left", 0.01, SILENT / 2), ["left", "other", "panda"], "two drivers that both live");
+        assert_eq!(tell("left", 0.01, 2 * SILENT), ["left", "other"], "an arm whose driver has died is still there");
+    }
+
+    #[test]
+    fn names_that_come_and_go_do_not_keep_out_the_robot_that_is_there() {
+        let (mut states, start) = (RobotStates::new(Duration::from_secs(1)), Instant::now());
+        let mut tell = |k: usize, since: Duration| {
+            states.put_at(&format!("robot-{k}"), state(since.as_nanos() as u64, 0.1, base_at(k as f64)), start + since);
+            (states.by_robot.len(), states.by_robot.contains_key(&format!("robot-{k}")))
+        };
+        for k in 0..MAX_ROBOTS {
+            assert_eq!(tell(k, Duration::from_millis(k as u64)), (k + 1, true));
+        }
+        assert_eq!(tell(99, SILENT / 2), (MAX_ROBOTS, false), "all the others live");
+        assert_eq!(tell(0, SILENT), (MAX_ROBOTS, true));
+        assert_eq!(tell(99, 2 * SILENT), (MAX_ROBOTS, true));
+        assert!(
+            states.by_robot.contains_key("robot-0") && !states.by_robot.contains_key("robot-1"),
+            "the one that is silent for the longest"
+        );
+    }
+
     #[test]
     fn states_are_kept_for_as_long_as_a_frame_may_wait_however_many_a_robot_tells() {
         let mut states = RobotStates::new(Duration::from_secs(1));
@@ -221,10 +302,10 @@ mod tests {
             assert!((robots[0].joints_rad[0] - 1e-3 * ms as f64).abs() < 5e-3, "{ms}: {robots:?}");
         }
         assert!(states.at(2_000_000_000).is_empty());
-        let kept = states.by_robot["left"].len();
+        let kept = states.by_robot["left"].states.len();
         assert!(kept <= 222, "{kept}");
         // A clock that was set back.
         states.put("left", state(5, 0.5, Some(RigidTransform::IDENTITY)));
-        assert_eq!((states.at(0).len(), states.by_robot["left"].len()), (1, 2));
+        assert_eq!((states.at(0).len(), states.by_robot["left"].states.len()), (1, 2));
     }
 }

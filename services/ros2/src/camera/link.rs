@@ -52,8 +52,8 @@ pub async fn run(
         while let Some(made) = tokio::task::block_in_place(|| stream.next(place, now())) {
             put(&frames, made, &reports).await;
         }
-        if let Some(why) = stream.take_why() {
-            reports.warn(&camera.name, why);
+        if let Some((lost, why)) = stream.take_why() {
+            reports.warn(&camera.name, lost.as_str(), why);
         }
         tell(&stream, &camera.name, topics.dropped(), &reports);
     }
@@ -80,7 +80,7 @@ async fn put(frames: &Publisher, Made { frame, complete }: Made, reports: &Repor
             metrics::histogram!("repose_ros2_picture_to_frame_seconds", "camera" => frame.camera_name.clone()).record(took_ms * 1e-3);
             tracing::debug!(camera = frame.camera_name, stamp_ns = frame.stamp_ns, made_ms, took_ms, "frame put");
         }
-        Err(error) => reports.warn(&frame.camera_name, error.to_string()),
+        Err(error) => reports.warn(&frame.camera_name, "frame", error.to_string()),
     }
 }
 

@@ -55,8 +55,8 @@ pub struct CameraCounts {
     pub frames: u64,
     /// Pictures that are none, by why.
     pub lost: BTreeMap<Lost, u64>,
-    /// The newest reason, in words.
-    pub why: Option<String>,
+    /// The newest reason, in words, too.
+    pub why: Option<(Lost, String)>,
 }
 
 /// The present, by two clocks.
@@ -121,7 +121,7 @@ impl CameraStream {
     }
 
     /// Why the newest picture that was lost since the last time was lost.
-    pub fn take_why(&mut self) -> Option<String> {
+    pub fn take_why(&mut self) -> Option<(Lost, String)> {
         self.counts.why.take()
     }
 
@@ -268,7 +268,7 @@ impl CameraStream {
 
     fn lose(&mut self, why: Lost, words: String) {
         *self.counts.lost.entry(why).or_default() += 1;
-        self.counts.why = Some(words);
+        self.counts.why = Some((why, words));
     }
 }
 

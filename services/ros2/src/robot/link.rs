@@ -1,6 +1,7 @@
 //! A robot on both networks: the cell's keys on one side, joint states and controllers on the other.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use repose_geometry::transform::to_row_major;
@@ -44,6 +45,26 @@ struct Controllers {
     told: mpsc::Sender<Answer>,
     /// What the ids of this process's goals have in common.
     run: [u8; 8],
+    arm_unanswered: Unanswered,
+    hand_unanswered: Unanswered,
+}
+
+/// The newest goal of a controller of which it was said that its cancel is not answered: said once of a goal, for it is canceled four times a second for
+/// as long as its controller is away, as over a weekend. Of goals of before this start, whose controller may not be there yet, the reports tell.
+#[derive(Clone, Default)]
+struct Unanswered(Arc<AtomicU64>);
+
+impl Unanswered {
+    fn note(&self, action: &str, number: u64, error: &BridgeError) {
+        match self.is_news(number) {
+            true => tracing::warn!(action, number, %error, "a cancel was not answered; it is sent again until it is"),
+            false => tracing::debug!(action, number, %error, "a cancel was not answered"),
+        }
+    }
+
+    fn is_news(&self, number: u64) -> bool {
+        self.0.fetch_max(number, Ordering::Relaxed) < number
+    }
 }
 
 /// What a controller tells.
@@ -112,7 +133,7 @@ pub async fn run(
             Event::Told(Answer::Arm(told)) => side.told(told, now_ms()),
             Event::Told(Answer::Hand(told)) => side.told_by_hand(told, now_ms()),
             Event::Joints(Ok(state)) => side.joints(&state, now_ms()),
-            Event::Joints(Err(error)) => reports.warn(&robot.name, format!("{}: {error}", robot.joint_states)),
+            Event::Joints(Err(error)) => reports.warn(&robot.name, "joints", format!("{}: {error}", robot.joint_states)),
             // What would clear the stop, or begin something new, comes too late.
             Event::Command(_) if heeded.ends => {}
             Event::Command(sample) => {
@@ -257,7 +278,8 @@ impl Controllers {
         };
         let patience = Duration::from_millis(robot.controller_timeout_ms);
         let run = (uuid::Uuid::new_v4().as_u128() as u64).to_be_bytes();
-        Ok((Self { arm, hand, patience, told, run }, receiver))
+        let (arm_unanswered, hand_unanswered) = (Unanswered::default(), Unanswered::default());
+        Ok((Self { arm, hand, patience, told, run, arm_unanswered, hand_unanswered }, receiver))
     }
 
     /// The id of the goal of that number.
@@ -289,28 +311,26 @@ impl Controllers {
                 tokio::spawn(async move { follow(&arm, (number, id), goal_of(trajectory), (patience, longest), &told).await });
             }
             Do::Cancel(number) => {
-                let (id, arm) = (self.id(number), self.arm.clone());
+                let (id, arm, unanswered) = (self.id(number), self.arm.clone(), self.arm_unanswered.clone());
                 tokio::spawn(async move {
                     // It is canceled again until its end is told, or the controller says that there is nothing to cancel.
                     match arm.cancel(id, patience).await {
                         Ok(Canceled::NotThere) => drop(told.send(Answer::Arm(Told::NotThere(number))).await),
                         Ok(Canceled::Ending) => drop(told.send(Answer::Arm(Told::Ending(number))).await),
                         Ok(answer) => tracing::debug!(action = arm.name(), number, ?answer, "a goal was canceled"),
-                        // Of a controller that is not there yet the reports tell.
-                        Err(error) if number == BEFORE => tracing::debug!(action = arm.name(), %error, "a cancel was not answered"),
-                        Err(error) => tracing::warn!(action = arm.name(), number, %error, "a cancel was not answered"),
+                        Err(error) => unanswered.note(arm.name(), number, &error),
                     }
                 });
             }
             Do::CancelGrip(number) => {
                 let Some(hand) = self.hand.clone() else { return };
-                let id = self.id(number);
+                let (id, unanswered) = (self.id(number), self.hand_unanswered.clone());
                 tokio::spawn(async move {
                     // It is canceled again until its end is told, or, where that was not heard of, the controller says that there is nothing to cancel.
                     match hand.cancel(id, patience).await {
                         Ok(Canceled::NotThere) => drop(told.send(Answer::Hand(HandTold::NotThere(number))).await),
                         Ok(answer) => tracing::debug!(action = hand.name(), number, ?answer, "a goal was canceled"),
-                        Err(error) => tracing::warn!(action = hand.name(), number, %error, "a cancel was not answered"),
+                        Err(error) => unanswered.note(hand.name(), number, &error),
                     }
                 });
             }
@@ -360,5 +380,17 @@ async fn grip(hand: &HandClient, (number, id): (u64, GoalHandle), goal: GripperC
     match hand.result(id, RESULT_MARGIN).await {
         Ok(response) => HandTold::Ended(number, response.status, response.result),
         Err(error) => HandTold::Lost(number, error.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cancel_that_is_not_answered_for_a_weekend_is_said_once_a_goal_and_never_of_those_of_before() {
+        let unanswered = Unanswered::default();
+        let said = [BEFORE, BEFORE, 3, 3, 5, 3, 5].map(|number| unanswered.is_news(number));
+        assert_eq!(said, [false, false, true, false, true, false, false]);
     }
 }

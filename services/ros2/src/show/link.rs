@@ -74,7 +74,7 @@ pub async fn run(session: Session, node: Node, config: Arc<Ros2Config>, camera: 
                 count += 1;
                 reports.count(&part, "published", count);
             }
-            Err(error) => reports.warn(&part, error.to_string()),
+            Err(error) => reports.warn(&part, "scene", error.to_string()),
         }
     }
     Ok(())

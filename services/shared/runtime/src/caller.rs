@@ -29,7 +29,7 @@ use crate::cancel::{CancelUnlessDone, cancel_at, given_up};
 use crate::config::CallerConfig;
 use crate::directory::{Assigned, Directory, Wanted, WorkerView};
 use crate::heeded::{self, BatchCall, Refused};
-use crate::kept_out::{self, is_kept_out};
+use crate::kept_out::{self, Answered, is_kept_out};
 use crate::outage::{LOOK, Patience};
 use crate::target::Target;
 use crate::transport::{OutgoingQuery, Transport};
@@ -67,6 +67,7 @@ struct Inner {
     config: CallerConfig,
     directory: Directory,
     patience: Patience,
+    answered: Answered,
     /// Terminal replies that followed a terminal reply.
     duplicates: Arc<AtomicU64>,
 }
@@ -86,8 +87,8 @@ impl Caller {
         let suspect_after = Duration::from_millis(config.suspect_after_ms);
         let directory = Directory::follow(transport.as_ref(), &target.workers_in, target.service, suspect_after, random).await?;
         let patience = Patience::new(transport.clone(), target.clone(), &config);
-        let duplicates = Arc::default();
-        Ok(Self { inner: Arc::new(Inner { transport, target, name, config, directory, patience, duplicates }) })
+        let (answered, duplicates) = (Answered::default(), Arc::default());
+        Ok(Self { inner: Arc::new(Inner { transport, target, name, config, directory, patience, answered, duplicates }) })
     }
 
     /// How many terminal replies came after the one that ended their call: none, unless a worker breaks the contract.
@@ -366,8 +367,11 @@ impl Ongoing<'_> {
         if matches!(ended, Ended::Left) {
             self.left = Some(guard);
         }
+        if matches!(ended, Ended::Result { .. } | Ended::Error(_)) {
+            inner.answered.note(&key, connection);
+        }
         let is_same_link = inner.transport.connection() == connection;
-        if matches!(ended, Ended::Empty) && is_same_link {
+        if matches!(ended, Ended::Empty) && is_same_link && !inner.answered.has(&key, connection) {
             let within = Duration::from_millis(inner.config.suspect_after_ms).min(self.remaining());
             if is_kept_out(inner.transport.as_ref(), &inner.directory, assigned.name(), within).await {
                 return Next::Done(Err(kept_out::refusal(&inner.target, assigned.name(), self.method)));

@@ -1,17 +1,41 @@
 //! How a worker's calls ended: counted for its load and its metrics, and said in its log.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use repose_proto::{CallError, ErrorCode, Payload, Service};
 
 use crate::scenes::lacks_scene;
+
+/// Between two lines of the log that say that calls are refused for lack of room. A crowd has hundreds refused a second, for days.
+const REFUSALS_EVERY: Duration = Duration::from_secs(10);
 
 /// Calls that ended since the worker started.
 #[derive(Debug, Default)]
 pub(crate) struct Tally {
     ended: AtomicU64,
     failed: AtomicU64,
+    refusals: Mutex<Refusals>,
+}
+
+/// Calls refused for lack of room of which the log has not said.
+#[derive(Debug, Default)]
+struct Refusals {
+    unsaid: u64,
+    said: Option<Instant>,
+}
+
+impl Refusals {
+    /// Counts one; how many there were since the log said so last, where it is to say so again.
+    fn note(&mut self, now: Instant) -> Option<u64> {
+        self.unsaid += 1;
+        if self.said.is_some_and(|said| now.duration_since(said) < REFUSALS_EVERY) {
+            return None;
+        }
+        self.said = Some(now);
+        Some(std::mem::take(&mut self.unsaid))
+    }
 }
 
 impl Tally {
@@ -28,6 +52,13 @@ impl Tally {
             Err(error) if error.code == ErrorCode::Internal => tracing::error!(%error, took_ms, "ended"),
             // The caller now sends the scene, or asks another worker: this is how it finds out.
             Err(error) if lacks_scene(error) => tracing::debug!(%error, took_ms, "ended"),
+            Err(error) if error.code == ErrorCode::ResourceExhausted => {
+                let said = self.refusals.lock().unwrap_or_else(PoisonError::into_inner).note(Instant::now());
+                match said {
+                    Some(refused) => tracing::info!(%error, took_ms, refused, "calls are refused"),
+                    None => tracing::debug!(%error, took_ms, "ended"),
+                }
+            }
             Err(error) => tracing::info!(%error, took_ms, "ended"),
             Ok(_) => tracing::debug!(took_ms, "ended"),
         }
@@ -56,6 +87,16 @@ mod tests {
         for code in [ErrorCode::InvalidArgument, ErrorCode::ResourceExhausted, ErrorCode::Cancelled, ErrorCode::DeadlineExceeded] {
             assert_eq!((ended(code, "made-up"), ended(code, "place"), ended(code, "plan")), ("unknown", "unknown", "plan"));
         }
+    }
+
+    #[test]
+    fn a_crowd_that_is_refused_has_a_line_now_and_then_and_not_one_each() {
+        let (mut refusals, start) = (Refusals::default(), Instant::now());
+        let said = |refusals: &mut Refusals, after: Duration| refusals.note(start + after);
+        assert_eq!(said(&mut refusals, Duration::ZERO), Some(1), "at once");
+        let unsaid = (0..500).filter(|ms| said(&mut refusals, Duration::from_millis(*ms)).is_none()).count();
+        assert_eq!((unsaid, said(&mut refusals, REFUSALS_EVERY)), (500, Some(501)));
+        assert_eq!(said(&mut refusals, REFUSALS_EVERY), None);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use std::io::IsTerminal;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use lru::LruCache;
 use tracing::field::{Field, Visit};
@@ -101,7 +102,7 @@ fn is_refusal(metadata: &Metadata<'_>) -> bool {
         || (metadata.target().starts_with(QUIC) && *metadata.level() <= Level::ERROR)
 }
 
-/// Says in our words, and once for each, what the router refuses.
+/// Says in our words, and once a day for each, what the router refuses.
 struct Refusals {
     found: SyncSender<(&'static str, String)>,
     /// Which user a session is, by its id: a router that runs for long sees many, of which the last ones count.
@@ -117,8 +118,11 @@ thread_local! {
 
 /// Refusals that may wait to be said; a flood is not worth more.
 const MOST_WAITING: usize = 256;
-/// Different refusals that are said; further ones are counted only, for nobody may fill a log from afar.
+/// Different refusals that are said a day; further ones are counted only, for nobody may fill a log from afar.
 const MOST_SAID: usize = 1000;
+/// How long one that was said is not said again. A router runs for months: the lines of its first days have long gone with their files, and a user who
+/// is refused today is looked for in the log of today.
+const SAID_FOR: Duration = Duration::from_secs(24 * 3600);
 /// Sessions whose user is remembered; the one that was heard of least recently is forgotten first.
 const MOST_SUBJECTS: usize = 4096;
 /// The last of the permissions that access control works out together.
@@ -129,10 +133,10 @@ impl Refusals {
         let (found, said) = sync_channel::<(&'static str, String)>(MOST_WAITING);
         // A line must not be written while another is on its way through the layers: a thread of its own does it.
         let say = move || {
-            let mut known = BTreeSet::new();
+            let mut known = Said::none(Instant::now());
             while let Ok((kind, words)) = said.recv() {
                 metrics::counter!("repose_router_refused_total", "kind" => kind).increment(1);
-                if known.len() < MOST_SAID && known.insert(words.clone()) {
+                if known.is_news(&words, Instant::now()) {
                     tracing::error!(kind, "{words}");
                 }
             }
@@ -182,6 +186,26 @@ impl Refusals {
             }
             None => subjects.get(decision.session).cloned().unwrap_or_else(|| format!("session {}", decision.session)),
         }
+    }
+}
+
+/// The refusals that were said lately.
+struct Said {
+    words: BTreeSet<String>,
+    since: Instant,
+}
+
+impl Said {
+    fn none(since: Instant) -> Self {
+        Self { words: BTreeSet::new(), since }
+    }
+
+    /// Whether a refusal is to be said; then it has been.
+    fn is_news(&mut self, words: &str, now: Instant) -> bool {
+        if now.duration_since(self.since) >= SAID_FOR {
+            *self = Self::none(now);
+        }
+        self.words.len() < MOST_SAID && self.words.insert(words.to_owned())
     }
 }
 
@@ -329,6 +353,17 @@ mod tests {
         };
         assert!(said(last).contains(&format!("lo+user-{last} may not Put")), "{}", said(last));
         assert!(said(0).contains("session 0 may not Put"), "{}", said(0));
+    }
+
+    #[test]
+    fn a_refusal_is_said_once_a_day_however_long_the_router_runs_and_whatever_was_refused_before() {
+        let start = Instant::now();
+        let (mut said, tomorrow) = (Said::none(start), start + SAID_FOR);
+        assert!(said.is_news("the password is wrong", start) && !said.is_news("the password is wrong", start));
+        let others = (0..2 * MOST_SAID).filter(|other| said.is_news(&other.to_string(), start)).count();
+        assert_eq!(others, MOST_SAID - 1, "nobody fills the log");
+        assert!(said.is_news("the password is wrong", tomorrow) && said.is_news("something new", tomorrow));
+        assert!(!said.is_news("something new", tomorrow + SAID_FOR / 2));
     }
 
     #[test]

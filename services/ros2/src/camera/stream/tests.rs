@@ -87,7 +87,7 @@ fn a_cloud_with_intrinsics_has_to_be_of_that_camera() {
     assert!(next(&mut stream).is_none());
     let lost = &stream.counts().0.lost;
     assert_eq!((lost[&Lost::NoIntrinsics], lost[&Lost::Unfit]), (1, 1));
-    assert!(stream.take_why().is_some_and(|why| why.contains("optical frame")));
+    assert!(stream.take_why().is_some_and(|(_, why)| why.contains("optical frame")));
 }
 
 #[test]
@@ -95,8 +95,8 @@ fn every_picture_that_is_no_frame_is_counted_and_its_reason_told() {
     let mut stream = stream("depth = \"/depth\"\ninfo = \"/info\"\ncolor = \"/color\"");
     let lost = |stream: &mut CameraStream, why: Lost, words: &str| {
         assert!(next(stream).is_none());
-        let told = stream.take_why().unwrap_or_default();
-        assert!(stream.counts().0.lost.get(&why) == Some(&1) && told.contains(words), "{why:?}: {told}");
+        let (reason, told) = stream.take_why().expect("a reason");
+        assert!(reason == why && stream.counts().0.lost.get(&why) == Some(&1) && told.contains(words), "{why:?}: {told}");
     };
     let broken = MessageError::Unsupported { field: "encoding", got: "yuv422".to_owned(), expected: "rgb8" };
     stream.color(Taken { arrived: Instant::now(), read: Err(broken.into()) }, NOW);
