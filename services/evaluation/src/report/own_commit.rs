@@ -10,7 +10,7 @@ pub const UNKNOWN: &str = "unknown";
 
 /// The commit of this program: the one that is checked out in the working directory, if the program was built from that checkout as it is now. It
 /// ends in [`DIRTY`] where files other than `ledger`, from which nothing is built, differ from the commit, and is [`UNKNOWN`] where the program was
-/// built from other files, or nobody can tell from which.
+/// built from other files, or where it cannot be told from which.
 pub fn own_commit(ledger: &Path) -> String {
     let here = Path::new(".");
     let (Some(head), Some(top)) = (git(here, &["rev-parse", "HEAD"]), git(here, &["rev-parse", "--show-toplevel"])) else {

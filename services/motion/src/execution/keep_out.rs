@@ -113,7 +113,7 @@ fn held(scene: &Scene, plan: &MotionPlan) -> Vec<Point3<f64>> {
 /// How far a radian of each joint moves a place on the arm, or of what is held there, at most, metres: points in the frame of the tool centre
 /// point.
 fn longest_levers(object: &[Point3<f64>]) -> Joints {
-    // A lever asks how far a place is along the last axis, and from it: how the hand is turned about that is of no matter.
+    // A lever asks how far a place is along the last axis, and from it: how the hand is turned about that does not matter.
     let hand = gripper_spheres(&LinkFrame::BASE, FINGER_OPENING_MAX_M).map(|sphere| sphere.center.coords + Vector3::z() * FLANGE_M);
     let held = object.iter().map(|p| p.coords + Vector3::z() * (FLANGE_M + TCP_M));
     let on_last = hand.into_iter().chain(held).map(|place| (7, place));

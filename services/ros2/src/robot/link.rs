@@ -49,8 +49,8 @@ struct Controllers {
     hand_unanswered: Unanswered,
 }
 
-/// The newest goal of a controller of which it was said that its cancel is not answered: said once of a goal, for it is canceled four times a second for
-/// as long as its controller is away, as over a weekend. Of goals of before this start, whose controller may not be there yet, the reports tell.
+/// The newest goal of a controller whose unanswered cancel was logged. Each goal's is logged once: the cancel is sent four times a second for as long as
+/// the controller is away, which may be a weekend. For goals from before this start, whose controller may not be there yet, the reports say it.
 #[derive(Clone, Default)]
 struct Unanswered(Arc<AtomicU64>);
 
@@ -128,7 +128,7 @@ pub async fn run(
     let (mut next_state, mut shown, mut feedback) = (Instant::now(), None::<(RobotMode, Option<String>)>, 0u64);
     while let Some(event) = heeded.next().await {
         match event {
-            // Whatever comes here stops the arm: its form is of no matter.
+            // Whatever comes here stops the arm: its form does not matter.
             Event::Stop(sample) => side.emergency_stop(&EmergencyStop::read(&sample.payload.bytes)),
             Event::Told(Answer::Arm(told)) => side.told(told, now_ms()),
             Event::Told(Answer::Hand(told)) => side.told_by_hand(told, now_ms()),

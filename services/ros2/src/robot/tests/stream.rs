@@ -120,7 +120,7 @@ fn a_stream_that_is_brought_to_rest_on_its_way_takes_the_place_of_the_goal() {
     assert!(trajectory.points[0].time_from_start.as_ms() <= 10.0);
     assert_eq!(trajectory.points.last().map(|p| p.velocities[0].abs() < 1e-9), Some(true));
     trial.side.told(ended(1, status::ABORTED), trial.now_ms);
-    assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Moving), "the goal whose place was taken is of no matter");
+    assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Moving), "the goal whose place was taken does not matter");
     trial.side.told(Told::Accepted(2), trial.now_ms);
     trial.joints_rad[0] = halted(READY[0], 0.3)[40].q_rad[0];
     trial.run(600);
