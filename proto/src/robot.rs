@@ -328,14 +328,16 @@ impl EmergencyStop {
             let text = said(field).and_then(serde_json::Value::as_str).filter(|text| !text.is_empty())?;
             Some(text.chars().take(STOP_TEXT).collect::<String>())
         };
+        // Whoever may stop writes these, and people read them on terminals: nothing in them is for the terminal.
+        let words = |field: &str| text(field).map(|text| text.replace(char::is_control, " "));
         let reason = match &read {
-            Ok(_) => text("reason").unwrap_or_else(|| "unreadable stop: no reason".to_owned()),
+            Ok(_) => words("reason").unwrap_or_else(|| "unreadable stop: no reason".to_owned()),
             Err(error) => format!("unreadable stop: {error}"),
         };
         Self {
             v: limits::VERSION,
             id: text("id").unwrap_or_else(|| format!("unnamed-{}", &blake3::hash(bytes).to_hex()[..16])),
-            source: text("source").unwrap_or_else(|| "unknown".to_owned()),
+            source: words("source").unwrap_or_else(|| "unknown".to_owned()),
             reason,
             stamp_ns: said("stamp_ns").and_then(serde_json::Value::as_u64).unwrap_or(0),
         }

@@ -70,4 +70,6 @@ fn an_emergency_stop_is_read_from_anything() {
     assert_ne!(EmergencyStop::read(b"").id, EmergencyStop::read(b"STOP").id);
     let long = format!(r#"{{"reason": "{}"}}"#, "é".repeat(5000));
     assert_eq!(EmergencyStop::read(long.as_bytes()).reason.chars().count(), 256);
+    let forged = EmergencyStop::read(br#"{"source": "a\u001b]0;b", "reason": "now\u001b[2K\rpanda is idle\n"}"#);
+    assert_eq!((forged.source.as_str(), forged.reason.as_str()), ("a ]0;b", "now [2K panda is idle "), "a terminal is told nothing");
 }

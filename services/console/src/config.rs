@@ -32,7 +32,7 @@ pub struct ConsoleConfig {
     pub planner_token: Option<PathBuf>,
     /// A file with the token of those who may also move the robot and clear its stop.
     pub operator_token: Option<PathBuf>,
-    /// Pages open at once; the next is refused. Higher: more memory, some 3 MB each.
+    /// Pages open at once; the next is refused. A quarter of them is for operators alone. Higher: more memory, some 3 MB each.
     pub max_viewers: usize,
     /// The least time between two pictures of a camera, milliseconds. Lower: smoother, more computing and traffic.
     pub picture_period_ms: u64,

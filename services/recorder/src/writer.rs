@@ -120,8 +120,11 @@ impl Writer {
     fn take(&mut self, captured: Captured) -> Result<(), RecordingError> {
         match captured {
             Captured::Sample { kind, sample, at_ns, is_drawn } => {
+                if !self.parts.open().wire(&sample.key, &sample.payload, at_ns)? {
+                    self.lost.add(kind, 1);
+                    return Ok(());
+                }
                 self.count(kind);
-                self.parts.open().wire(&sample.key, &sample.payload, at_ns)?;
                 if is_drawn { self.look_at(kind, &sample, at_ns) } else { Ok(()) }
             }
             Captured::Scene { scene_id, payload, at_ns } => {
@@ -142,8 +145,11 @@ impl Writer {
         if !self.in_file.insert(scene_id.to_owned()) {
             return Ok(());
         }
+        if !self.parts.open().wire(&self.scene_topic, &payload, at_ns)? {
+            self.lost.add("scenes", 1);
+            return Ok(());
+        }
         self.count("scenes");
-        self.parts.open().wire(&self.scene_topic, &payload, at_ns)?;
         let Some(looker) = &mut self.looker else { return Ok(()) };
         let looks = payload.decode_bulk(Scene::SCHEMA).and_then(|bulk| Scene::from_bulk(&bulk)).map(|scene| looker.scene(scene_id, &scene));
         self.show(&looks.unwrap_or_default())
@@ -180,7 +186,8 @@ impl Writer {
     }
 
     fn show(&mut self, looks: &[VisualMessage]) -> Result<(), RecordingError> {
-        looks.iter().try_for_each(|look| self.parts.open().look(look))
+        // What the file has no room for is not drawn.
+        looks.iter().try_for_each(|look| self.parts.open().look(look).map(|_has_room| ()))
     }
 }
 

@@ -38,8 +38,9 @@ pub async fn upgraded(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, 
     let Some(role) = state.role(&headers) else {
         return upgrade.on_upgrade(|socket| closed(socket, UNKNOWN, Utf8Bytes::from_static("this console asks for a token")));
     };
-    let Some(place) = Place::take(&state) else {
-        let reason = format!("this console serves {} pages at once, and as many are open", state.config.max_viewers);
+    let most = places(state.config.max_viewers, role);
+    let Some(place) = Place::take(&state, most) else {
+        let reason = format!("this console serves {most} pages at once, and as many are open");
         return upgrade.on_upgrade(|socket| closed(socket, FULL, Utf8Bytes::from(reason)));
     };
     upgrade.on_upgrade(move |socket| async move {
@@ -48,12 +49,20 @@ pub async fn upgraded(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, 
     })
 }
 
+/// How many pages may be open when one of a role comes: all but operators leave a quarter of the places to them, so that whoever looks on keeps
+/// nobody from the robot.
+fn places(max_viewers: usize, role: Role) -> usize {
+    match role {
+        Role::Operator => max_viewers,
+        Role::Planner | Role::Viewer => max_viewers - max_viewers / 4,
+    }
+}
+
 /// One of the places that `max_viewers` gives.
 struct Place(Arc<AtomicUsize>);
 
 impl Place {
-    fn take(state: &AppState) -> Option<Self> {
-        let most = state.config.max_viewers;
+    fn take(state: &AppState, most: usize) -> Option<Self> {
         let taken = state.open_viewers.fetch_update(Ordering::AcqRel, Ordering::Acquire, |open| (open < most).then_some(open + 1));
         taken.is_ok().then(|| Self(state.open_viewers.clone()))
     }
@@ -137,6 +146,18 @@ async fn write(mut sink: SplitSink<WebSocket, Frame>, viewer: Arc<Viewer>, shutd
         match tokio::time::timeout(GONE_AFTER, sink.send(frame)).await {
             Ok(Ok(())) => {}
             Ok(Err(_)) | Err(_) => return,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_looks_on_leaves_places_to_operators() {
+        for (most, others) in [(32, 24), (4, 3), (3, 3), (1, 1)] {
+            assert_eq!((places(most, Role::Operator), places(most, Role::Viewer), places(most, Role::Planner)), (most, others, others));
         }
     }
 }

@@ -150,7 +150,7 @@ pub struct WorkerConfig {
     /// or that queue is never full, where an interactive call takes a batch call's place. Higher: more memory.
     pub max_open_calls: usize,
     /// Whether methods that move a robot or change the world are taken on the `operate` key only, and not on `call` as clients of release 1
-    /// send them. On where access control is: it tells users apart by keys.
+    /// send them. A worker that is let in as a user does so whatever this says: access control tells users apart by keys.
     pub operate_only: bool,
     /// How often the load is published, milliseconds, 100 to 200 in operation. Lower: better choices by callers, more traffic.
     pub load_period_ms: u64,

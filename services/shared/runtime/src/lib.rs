@@ -77,6 +77,7 @@ mod journal;
 mod kept_out;
 mod line;
 mod lives;
+mod log_lines;
 pub mod mailbox;
 mod namesakes;
 mod open_files;

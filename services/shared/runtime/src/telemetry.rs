@@ -18,6 +18,8 @@ use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, filter};
 
+use crate::log_lines::EventWriter;
+
 /// The environment variable with the filter, `info` or `repose_planner=debug,warn`.
 pub const LOG_VARIABLE: &str = "REPOSE_LOG";
 /// The environment variable that switches to one JSON document a line when it is `json`.
@@ -37,7 +39,8 @@ fn subscriber(chosen: EnvFilter) -> impl Subscriber + Send + Sync {
     let colors = std::io::stderr().is_terminal();
     let json = std::env::var(FORMAT_VARIABLE).is_ok_and(|v| v == "json");
     // A log that nobody reads any more (`2>&1 | head`) is no reason to end: reporting that on standard error would panic.
-    let lines = tracing_subscriber::fmt::layer().with_ansi(colors).with_writer(std::io::stderr).log_internal_errors(false);
+    let lines =
+        tracing_subscriber::fmt::layer().with_ansi(colors).with_writer(|| EventWriter(std::io::stderr())).log_internal_errors(false);
     let lines = match json {
         true => lines.json().boxed(),
         false => lines.boxed(),
@@ -118,15 +121,52 @@ thread_local! {
 
 /// Refusals that may wait to be said; a flood is not worth more.
 const MOST_WAITING: usize = 256;
-/// Different refusals that are said a day; further ones are counted only, for nobody may fill a log from afar.
+/// Different refusals that are said; further ones are counted only, for nobody may fill a log from afar.
 const MOST_SAID: usize = 1000;
 /// How long one that was said is not said again. A router runs for months: the lines of its first days have long gone with their files, and a user who
 /// is refused today is looked for in the log of today.
 const SAID_FOR: Duration = Duration::from_secs(24 * 3600);
+/// How long they are counted only; then all are said anew.
+const SAYS_NO_MORE: Duration = Duration::from_secs(3600);
 /// Sessions whose user is remembered; the one that was heard of least recently is forgotten first.
 const MOST_SUBJECTS: usize = 4096;
 /// The last of the permissions that access control works out together.
 const LAST_CACHED: &str = "Declare Liveliness Subscriber (";
+
+/// The refusals that were said lately.
+struct Said {
+    known: BTreeSet<String>,
+    /// When the first may have been.
+    since: Instant,
+    /// When there were too many of them.
+    full_since: Option<Instant>,
+}
+
+impl Said {
+    fn none(since: Instant) -> Self {
+        Self { known: BTreeSet::new(), since, full_since: None }
+    }
+
+    /// What is to be said of a refusal: itself, unless it was; or that further ones are not.
+    fn news(&mut self, words: String, now: Instant) -> Option<String> {
+        // Names are made up anew all the time: a router that runs for long has seen too many without anybody meaning it.
+        let (since, anew_after) = self.full_since.map_or((self.since, SAID_FOR), |full_since| (full_since, SAYS_NO_MORE));
+        if now.saturating_duration_since(since) >= anew_after {
+            *self = Self::none(now);
+        }
+        if self.known.contains(&words) {
+            return None;
+        }
+        if self.known.len() < MOST_SAID {
+            self.known.insert(words.clone());
+            return Some(words);
+        }
+        let is_first = self.full_since.is_none();
+        self.full_since = self.full_since.or(Some(now));
+        let minutes = SAYS_NO_MORE.as_secs() / 60;
+        is_first.then(|| format!("{MOST_SAID} different refusals were said: for {minutes} minutes further ones are counted only"))
+    }
+}
 
 impl Refusals {
     fn start() -> Self {
@@ -136,7 +176,7 @@ impl Refusals {
             let mut known = Said::none(Instant::now());
             while let Ok((kind, words)) = said.recv() {
                 metrics::counter!("repose_router_refused_total", "kind" => kind).increment(1);
-                if known.is_news(&words, Instant::now()) {
+                if let Some(words) = known.news(words, Instant::now()) {
                     tracing::error!(kind, "{words}");
                 }
             }
@@ -152,8 +192,8 @@ impl Refusals {
         if target == ACCEPTING || target.starts_with(QUIC) {
             return refused_login(line).map(|words| (LOGIN_REFUSED, words));
         }
-        if let Some((_, rest)) = line.split_once("caching permissions for `") {
-            CACHING.set(rest.split('`').next().map(str::to_owned));
+        if let Some(key) = cached_in_advance(line) {
+            CACHING.set(Some(key.to_owned()));
             return None;
         }
         let decision = Decision::read(line)?;
@@ -170,7 +210,8 @@ impl Refusals {
         let action = action.trim_end_matches("(ingress)").trim();
         let broad =
             if action.contains("Subscriber") && key.contains('*') { "; a subscription must lie within what is allowed" } else { "" };
-        Some((MESSAGE_REFUSED, format!("refused: {subject} may not {action} at {key}{broad}")))
+        // Whoever was refused chose the key, line ends and all.
+        Some((MESSAGE_REFUSED, format!("refused: {subject} may not {action} at {}{broad}", key.escape_debug())))
     }
 
     /// Who a decision is about: only those that are not from the cache name the user.
@@ -189,24 +230,11 @@ impl Refusals {
     }
 }
 
-/// The refusals that were said lately.
-struct Said {
-    words: BTreeSet<String>,
-    since: Instant,
-}
-
-impl Said {
-    fn none(since: Instant) -> Self {
-        Self { words: BTreeSet::new(), since }
-    }
-
-    /// Whether a refusal is to be said; then it has been.
-    fn is_news(&mut self, words: &str, now: Instant) -> bool {
-        if now.duration_since(self.since) >= SAID_FOR {
-            *self = Self::none(now);
-        }
-        self.words.len() < MOST_SAID && self.words.insert(words.to_owned())
-    }
+/// The key whose permissions access control begins to work out, where a line says so at its beginning. A key that is refused may say the same,
+/// further on.
+fn cached_in_advance(line: &str) -> Option<&str> {
+    let (_, rest) = line.strip_prefix("ACL (")?.split_once("): caching permissions for `")?;
+    Some(rest.rsplit_once('`').map_or(rest, |(key, _)| key))
 }
 
 /// A login that is refused, in our words. Zenoh says first whose it looks at, `Establishment Accept OpenSyn: <ours> => <theirs>. Received: …`, and
@@ -248,13 +276,13 @@ struct Decision<'a> {
 }
 
 impl<'a> Decision<'a> {
+    /// Reads a line from its front: its end is a key, which may say anything.
     fn read(line: &'a str) -> Option<Self> {
-        let (who, what, is_allowed) = match (line.split_once(" is unauthorized to "), line.split_once(" is authorized to ")) {
-            (Some((who, what)), _) => (who, what, false),
-            (None, Some((who, what))) => (who, what, true),
-            (None, None) => return None,
-        };
-        let (action, key) = what.rsplit_once(" on ")?;
+        let verbs = [(" is unauthorized to ", false), (" is authorized to ", true)];
+        let first = verbs.into_iter().filter_map(|(verb, is_allowed)| Some((line.find(verb)?, verb, is_allowed))).min();
+        let (at, verb, is_allowed) = first?;
+        let (who, what) = (&line[..at], &line[at + verb.len()..]);
+        let (action, key) = what.split_once(" on ")?;
         let cached = who.strip_prefix("Using cached result: ");
         let (session, subject) = match (cached, who.split_once(" on ")) {
             (Some(session), _) => (session, None),
@@ -341,6 +369,36 @@ mod tests {
     }
 
     #[test]
+    fn a_flood_of_refusals_is_said_up_to_a_bound_and_the_log_is_not_deaf_for_good() {
+        let began = Instant::now();
+        let mut said = Said::none(began);
+        let mut news = |words: &str, s: u64| said.news(words.to_owned(), began + Duration::from_secs(s));
+        for i in 0..MOST_SAID {
+            assert!(news(&format!("refusal {i}"), 0).is_some());
+        }
+        assert_eq!(news("refusal 0", 0), None, "each is said once");
+        assert!(news("one more", 0).is_some_and(|words| words.contains("counted only")), "that it falls silent is said");
+        let silent = SAYS_NO_MORE.as_secs() - 1;
+        assert_eq!((news("one more", 1), news("refused a login", silent)), (None, None));
+        assert_eq!(news("refused a login", silent + 1).as_deref(), Some("refused a login"));
+    }
+
+    #[test]
+    fn no_key_hides_a_refusal_or_makes_one_up() {
+        let refusals = Refusals::start();
+        let (session, command) = ("3f on lo+anna", "repose/v1/lab/robot/panda/command");
+        let said = |line: &str| refusals.refusal(ACCESS, line).map(|(_, words)| words);
+        let hidden = said(&format!("{session} is unauthorized to Put (ingress) on x caching permissions for `{command}` ..."));
+        assert!(hidden.is_some_and(|words| words.contains("lo+anna may not Put at x caching")));
+        assert!(said(&format!("{session} is unauthorized to Put (ingress) on {command}")).is_some(), "nobody works it out in advance");
+        let allowed = "repose/v1/lab/robot/4e on lo+bert is unauthorized to Put (ingress) on x/@estop";
+        assert_eq!(said(&format!("{session} is authorized to Put (ingress) on {allowed}")), None);
+        let words =
+            said(&format!("{session} is unauthorized to Put (ingress) on a on b\n2026-11-27 ERROR refused a login")).expect("a refusal");
+        assert_eq!(words, "refused: lo+anna may not Put at a on b\\n2026-11-27 ERROR refused a login");
+    }
+
+    #[test]
     fn the_user_of_a_session_is_known_however_many_came_before() {
         let refusals = Refusals::start();
         let (last, key) = (MOST_SUBJECTS + 1, "repose/v1/lab/scene/front");
@@ -356,14 +414,14 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_is_said_once_a_day_however_long_the_router_runs_and_whatever_was_refused_before() {
+    fn a_refusal_is_said_once_a_day_however_long_the_router_runs() {
         let start = Instant::now();
-        let (mut said, tomorrow) = (Said::none(start), start + SAID_FOR);
-        assert!(said.is_news("the password is wrong", start) && !said.is_news("the password is wrong", start));
-        let others = (0..2 * MOST_SAID).filter(|other| said.is_news(&other.to_string(), start)).count();
-        assert_eq!(others, MOST_SAID - 1, "nobody fills the log");
-        assert!(said.is_news("the password is wrong", tomorrow) && said.is_news("something new", tomorrow));
-        assert!(!said.is_news("something new", tomorrow + SAID_FOR / 2));
+        let mut said = Said::none(start);
+        let mut is_said = |words: &str, at: Instant| said.news(words.to_owned(), at).is_some();
+        assert!(is_said("the password is wrong", start) && !is_said("the password is wrong", start + SAID_FOR / 2));
+        let tomorrow = start + SAID_FOR;
+        assert!(is_said("the password is wrong", tomorrow) && is_said("something new", tomorrow));
+        assert!(!is_said("something new", tomorrow + SAID_FOR / 2));
     }
 
     #[test]

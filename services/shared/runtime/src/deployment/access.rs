@@ -113,6 +113,8 @@ impl Grants {
                     // Shows that whoever has a robot moved is still there.
                     self.add(Verb::Token, self.cell.live_client("*"));
                 }
+                // A bridge brings its system's robot and cameras in, and asks for its clients.
+                self.drive(user);
             }
             DeploymentRole::Driver => self.drive(user),
             DeploymentRole::Service => self.serve(user),
@@ -281,6 +283,24 @@ mod tests {
         assert_eq!(who(Verb::Token, "repose/v1/lab/live/motion/x"), "m");
         assert_eq!(who(Verb::Token, "repose/v1/lab/live/client/x"), "o");
         assert_eq!(who(Verb::Watch, "repose/v1/lab/live/client/x"), "mopv");
+    }
+
+    #[test]
+    fn who_asks_may_have_a_robot_and_cameras_as_well_and_no_others() {
+        let roles = Roles::parse(
+            "router = \"r:1\"\ncells = [\"lab\"]\n[users.b]\nrole = \"planner\"\nrobot = \"panda\"\ncameras = [\"wrist\"]\n\
+             [users.p]\nrole = \"planner\"\n[users.o]\nrole = \"operator\"\n",
+        )
+        .expect("roles");
+        let who = |verb, key: &str| who(&roles, verb, key);
+        assert_eq!(who(Verb::Put, "repose/v1/lab/robot/panda/state"), "b");
+        assert_eq!(who(Verb::Subscribe, "repose/v1/lab/robot/panda/command"), "b");
+        assert_eq!(who(Verb::Put, "repose/v1/lab/camera/wrist/frame"), "b");
+        assert_eq!(who(Verb::Query, "repose/v1/lab/service/planner/p/call"), "bop");
+        assert_eq!(who(Verb::Query, "repose/v1/lab/service/motion/m/operate"), "o");
+        for (verb, key) in [(Verb::Put, "robot/other/state"), (Verb::Put, "robot/panda/command"), (Verb::Put, "camera/front/frame")] {
+            assert_eq!(who(verb, &format!("repose/v1/lab/{key}")), "", "{key}");
+        }
     }
 
     #[test]

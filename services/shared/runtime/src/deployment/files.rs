@@ -152,10 +152,17 @@ fn router_json5(roles: &Roles, installed: &Path) -> String {
         "downsampling": [{"id": "frames of one camera", "messages": ["put"], "flows": ["ingress"], "rules": frame_limits(roles)}],
         "low_pass_filter": [{
             "id": "larger than a message may be", "messages": ["put", "query", "reply"], "flows": ["ingress"],
-            "key_exprs": ["**"], "size_limit": limits::MAX_MESSAGE_BYTES + ATTACHMENT_BYTES,
+            "key_exprs": limited_keys(), "size_limit": limits::MAX_MESSAGE_BYTES + ATTACHMENT_BYTES,
         }],
     });
     document("The router: its certificate, its users, and what each may do. Everything that no rule allows is denied.", &value)
+}
+
+/// The keys at which messages are limited in size: all of them. `**` stands for no chunk that begins with `@`.
+fn limited_keys() -> Vec<String> {
+    let every = Cell::every();
+    let cancels = Service::ALL.map(|service| every.cancels(service, "*"));
+    ["**".to_owned(), every.robot_estop("*")].into_iter().chain(cancels).collect()
 }
 
 /// Zenoh's limits of frames. A rule counts what a session puts to all of its keys together, so each camera has a rule of its own: of two that one
@@ -251,6 +258,16 @@ mod tests {
         assert_eq!(of("/etc/repose/router/router.toml"), "/etc/repose/router/router.toml");
         assert_eq!(of("/srv/cell \"A\"/100 %/$x.toml"), "\"/srv/cell \\\"A\\\"/100 %%/$$x.toml\"");
         assert_eq!(of(r"/srv/back\slash"), r#""/srv/back\\slash""#);
+    }
+
+    #[test]
+    fn whatever_a_user_may_send_is_limited_in_size() {
+        let example = include_str!("../../../../../deploy/roles.toml");
+        let (roles, limited) = (Roles::parse(example).expect("roles"), limited_keys());
+        let sent = roles.users.values().flat_map(grants).filter(|grant| [Verb::Put, Verb::Query, Verb::Serve].contains(&grant.verb));
+        let verbatim: BTreeSet<String> = sent.map(|grant| grant.keys.replace("/cell/", "/*/")).filter(|keys| keys.contains("/@")).collect();
+        assert!(verbatim.len() > Service::ALL.len() && verbatim.iter().all(|keys| limited.contains(keys)), "{verbatim:?}");
+        assert!(limited.contains(&"**".to_owned()), "and all others");
     }
 
     #[test]

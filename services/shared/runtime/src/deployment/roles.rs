@@ -59,10 +59,10 @@ pub struct User {
     /// The cells that the user is bound to; those of the file where absent.
     #[serde(default)]
     pub cells: Vec<String>,
-    /// A driver's robot, or the simulator's.
+    /// A driver's robot, or the simulator's; that of a planner or operator that drives one as well, as a bridge to another system does.
     #[serde(default)]
     pub robot: Option<String>,
-    /// A driver's cameras, or the simulator's.
+    /// The cameras of whoever may have a robot.
     #[serde(default)]
     pub cameras: Vec<String>,
     /// Which service a process is.
@@ -198,7 +198,11 @@ impl User {
         for (what, chunk) in [("robot", &self.robot), ("worker", &self.worker)] {
             chunk.as_ref().map_or(Ok(()), |chunk| validate_chunk(&field(what), chunk))?;
         }
-        let is_simulator = self.service == Some(Service::Simulator);
+        let may_drive = match self.role {
+            DeploymentRole::Driver | DeploymentRole::Planner | DeploymentRole::Operator => true,
+            DeploymentRole::Service => self.service == Some(Service::Simulator),
+            DeploymentRole::Viewer => false,
+        };
         let faults = [
             (self.role == DeploymentRole::Service && self.service.is_none(), "service", "which service?"),
             (self.role != DeploymentRole::Service && self.service.is_some(), "service", "only users with the role \"service\" have one"),
@@ -208,16 +212,8 @@ impl User {
                 "robot",
                 "a driver has a robot or cameras",
             ),
-            (
-                self.role != DeploymentRole::Driver && !is_simulator && self.robot.is_some(),
-                "robot",
-                "only drivers and the simulator have one",
-            ),
-            (
-                self.role != DeploymentRole::Driver && !is_simulator && !self.cameras.is_empty(),
-                "cameras",
-                "only drivers and the simulator have some",
-            ),
+            (!may_drive && self.robot.is_some(), "robot", "only drivers, planners, operators and the simulator have one"),
+            (!may_drive && !self.cameras.is_empty(), "cameras", "only drivers, planners, operators and the simulator have some"),
         ];
         match faults.into_iter().find(|(is_fault, ..)| *is_fault) {
             Some((_, what, why)) => Err(CallError::invalid(field(what), why)),
@@ -242,6 +238,10 @@ mod tests {
         assert_eq!(fault("cells = [\"lab\"]\n[users.a]\nrole = \"driver\""), "users.a.robot");
         assert_eq!(fault("cells = [\"lab\"]\n[users.a]\nrole = \"service\""), "users.a.service");
         assert_eq!(fault("cells = [\"lab\"]\n[users.a]\nrole = \"viewer\"\nrobot = \"panda\""), "users.a.robot");
+        assert_eq!(
+            fault("cells = [\"lab\"]\n[users.a]\nrole = \"service\"\nservice = \"motion\"\ncameras = [\"wrist\"]"),
+            "users.a.cameras"
+        );
         assert_eq!(fault("cells = [\"lab\"]\n[users.\"a b\"]\nrole = \"viewer\""), "users.a b");
         assert_eq!(fault("cells = [\"lab\"]\n[users]"), "users");
         // Its unit would be overwritten by the router's.

@@ -103,7 +103,9 @@ impl Shared {
         if self.refusing.load(Ordering::Acquire) {
             return Err(CallError::new(ErrorCode::Unavailable, "this worker is stopping"));
         }
-        call_key.takes(method, self.service, self.config.operate_only)
+        // Of those that a router lets in as users some may call and not operate, whichever configuration a worker was started with.
+        let operate_only = self.config.operate_only || self.transport.is_user();
+        call_key.takes(method, self.service, operate_only)
     }
 
     /// Counts a refusal for lack of a place, as a queue's are counted, and says when to come back.

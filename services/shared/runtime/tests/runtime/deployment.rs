@@ -235,10 +235,8 @@ async fn addresses_that_lead_nowhere_each_have_their_message() {
     assert!(tls.contains("quic/ takes the same certificates"), "{tls}");
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn operations_come_by_their_own_key_and_by_no_other_where_that_is_asked_for() {
-    let mut config = RuntimeConfig::default();
-    config.worker.operate_only = true;
+/// Checks that a worker of a configuration takes operations by their own key, and by no other.
+async fn operates_by_its_own_key_only(config: RuntimeConfig) {
     let session = Session::open(config).await.unwrap();
     let handler = Arc::new(Oddities { work_ms: 1, ..Oddities::default() });
     let server = session.start(Service::Motion, handler.clone()).await.unwrap();
@@ -254,6 +252,24 @@ async fn operations_come_by_their_own_key_and_by_no_other_where_that_is_asked_fo
     let refused = by(cell.operate(Service::Motion, server.worker()), "echo").await.unwrap_err();
     assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::InvalidArgument, Some("method")));
     assert_eq!(read(&by(cell.operate(Service::Motion, server.worker()), "execute").await.unwrap()), "raw");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn operations_come_by_their_own_key_and_by_no_other_where_that_is_asked_for() {
+    let mut config = RuntimeConfig::default();
+    config.worker.operate_only = true;
+    operates_by_its_own_key_only(config).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_that_is_a_user_takes_operations_by_their_own_key_though_its_configuration_does_not_say_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("zenoh.json5");
+    // As somebody's own configuration that took over where to connect and who it is, and nothing else.
+    std::fs::write(&file, r#"{listen: {endpoints: []}, transport: {auth: {usrpwd: {user: "motion", password: "its password"}}}}"#).unwrap();
+    let mut config = RuntimeConfig::default();
+    config.session.zenoh_file = Some(file);
+    operates_by_its_own_key_only(config).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
