@@ -21,6 +21,11 @@ fn repose_in(environment: &[(&str, &str)], arguments: &[&str]) -> Output {
     command.envs(environment.iter().copied()).args(arguments).output().expect("the program runs")
 }
 
+/// How a command ended, and what it wrote to standard error.
+fn ended(output: &Output) -> (Option<i32>, String) {
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
 /// A table seen from 80 cm straight above, with two blocks of 10 cm height on it: object 1 left of object 2 in the picture.
 fn frame() -> Frame {
     let world_from_camera = RigidTransform([1., 0., 0., 0., 0., -1., 0., 0., 0., 0., -1., 0.8, 0., 0., 0., 1.]);
@@ -284,10 +289,7 @@ fn a_frame_that_is_smaller_than_a_number_is_drawn_too() {
 #[test]
 fn the_networks_are_those_of_the_command_line_or_of_the_environment() {
     let folder = folder_with(&frame());
-    let says = |environment: &[(&str, &str)], arguments: &[&str]| {
-        let output = repose_in(environment, arguments);
-        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
-    };
+    let says = |environment: &[(&str, &str)], arguments: &[&str]| ended(&repose_in(environment, arguments));
     let plan = ["plan", path(&folder), "--move", "1", "--goal", "right_of:2"];
     let weights = [("REPOSE_INFERENCE__WEIGHTS", "/no/weights")];
     let (code, message) = says(&weights, &["relations", path(&folder)]);
@@ -354,10 +356,7 @@ fn commands_on_a_frame_read_the_environment_as_the_services_do() {
         &["score", frame, "--move", "1", "--anchor", "2", "--transforms", transforms],
         &["bench", "perception", frame, "--runs", "1"],
     ];
-    let says = |variable: (&str, &str), arguments: &[&str]| {
-        let output = repose_in(&[variable], arguments);
-        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
-    };
+    let says = |variable: (&str, &str), arguments: &[&str]| ended(&repose_in(&[variable], arguments));
     for arguments in commands {
         let (code, message) = says(("REPOSE_PERCEPTION__SEGMENTATION__MAX_DEPTH_M", "0.5"), arguments);
         assert!(code == Some(2) && message.contains("between 0 and 0.5 m"), "{arguments:?}: {message}");
@@ -377,10 +376,7 @@ fn commands_on_a_frame_read_the_environment_as_the_services_do() {
 #[test]
 fn a_misspelt_section_of_the_environment_is_an_error_and_so_is_a_misspelt_field() {
     let folder = folder_with(&frame());
-    let says = |name: &str| {
-        let output = repose_in(&[(name, "3")], &["--json", "segment", path(&folder)]);
-        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
-    };
+    let says = |name: &str| ended(&repose_in(&[(name, "3")], &["--json", "segment", path(&folder)]));
     let (code, message) = says("REPOSE_PLANER__THREADS");
     assert!(code == Some(2) && message.contains("REPOSE_PLANER__THREADS") && message.contains("REPOSE_PLANNER__"), "{message}");
     let (code, message) = says("REPOSE_PLANNER__THREDS");
@@ -392,10 +388,8 @@ fn a_misspelt_section_of_the_environment_is_an_error_and_so_is_a_misspelt_field(
 #[test]
 fn a_picture_is_a_png_and_what_cannot_be_written_is_said_before_the_work() {
     let folder = folder_with(&frame());
-    let plan = |out: &str| {
-        let output = repose(&["plan", path(&folder), "--move", "1", "--goal", "right_of:2", "--variant", "geometric", "--out", out]);
-        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
-    };
+    let plan =
+        |out: &str| ended(&repose(&["plan", path(&folder), "--move", "1", "--goal", "right_of:2", "--variant", "geometric", "--out", out]));
     let (code, message) = plan("plan.jpg");
     assert!(code == Some(2) && message.contains(".png"), "{message}");
     let below_a_file = folder.path().join("camera.json/plan.png");
@@ -418,9 +412,8 @@ fn fewer_placements_than_asked_for_are_said_to_be_fewer() {
 #[test]
 fn what_only_a_system_of_its_own_can_do_is_refused_for_another() {
     let refused = |environment: &[(&str, &str)], arguments: &[&str]| {
-        let output = repose_in(environment, &[&["load"], arguments].concat());
-        let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        let (code, message) = ended(&repose_in(environment, &[&["load"], arguments].concat()));
+        assert_eq!(code, Some(2), "{arguments:?}: {message}");
         message
     };
     let (endpoint, variable) = ("tcp/127.0.0.1:9", [("REPOSE_CONNECT", "tcp/127.0.0.1:9")]);
@@ -465,9 +458,8 @@ fn an_endpoint_that_is_none_is_refused_in_our_words() {
         (&[("REPOSE_TELEMETRY__LISTEN", "foo")], &["serve", "planner"], "telemetry.listen: expected HOST:PORT"),
     ];
     for (environment, arguments, named) in cases {
-        let output = repose_in(environment, arguments);
-        let message = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        let (code, message) = ended(&repose_in(environment, arguments));
+        assert_eq!(code, Some(2), "{arguments:?}: {message}");
         assert!(message.contains(named) && !message.contains(".rs"), "{message}");
     }
 }
@@ -491,9 +483,8 @@ fn what_would_go_unheeded_is_refused() {
         (&["arrange", goal[0], goal[1], "--weights", "w.safetensors"], "weights: is for a frame"),
     ];
     for (arguments, named) in cases {
-        let output = repose(arguments);
-        let message = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && message.contains(named), "{arguments:?}: {message}");
+        let (code, message) = ended(&repose(arguments));
+        assert!(code == Some(2) && message.contains(named), "{arguments:?}: {message}");
     }
     let arrange = ["arrange", frame, goal[0], goal[1], "--variant", "geometric"];
     let set_for_others = repose_in(&[("REPOSE_CONNECT", "tcp/127.0.0.1:9"), ("REPOSE_CELL", "lab")], &arrange);

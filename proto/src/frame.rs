@@ -57,7 +57,7 @@ pub struct Frame {
     pub stamp_ns: u64,
     /// The camera.
     pub camera: CameraModel,
-    /// Depth counts of `camera.depth_unit_m`, 0 = no reading.
+    /// Depth counts of `camera.depth_unit_m`; 0 and 65535 are no readings ([`Frame::is_reading`]).
     pub depth: Vec<u16>,
     /// 8-bit RGB.
     pub color: Option<Vec<[u8; 3]>>,
@@ -168,6 +168,13 @@ impl Frame {
     /// A frame of depth alone.
     pub fn new(camera_name: String, stamp_ns: u64, camera: CameraModel, depth: Vec<u16>) -> Self {
         Self { camera_name, stamp_ns, camera, depth, color: None, labels: None, robots: Vec::new(), hints: SegmentHints::default() }
+    }
+
+    /// Whether a depth count is a reading. 0 is none, and neither is the greatest one: some cameras give it where they read nothing, the others where
+    /// what they read was too far away to be counted.
+    #[inline]
+    pub fn is_reading(count: u16) -> bool {
+        (1..u16::MAX).contains(&count)
     }
 
     /// Checks the camera and that every image has its size.

@@ -40,7 +40,7 @@ pub const MAX_HINTS: usize = 64;
 pub const MAX_COORDINATE_M: f32 = 1000.0;
 /// The largest coordinate of a candidate's place, metres: beside a scene, and no farther than the networks' single precision can tell.
 pub const MAX_CANDIDATE_COORDINATE_M: f32 = 2.0 * MAX_COORDINATE_M;
-/// The most boxes that a placement request may ask to stay inside or out of: every candidate is held against each.
+/// The most boxes that a placement request may ask to stay inside or out of: every candidate is checked against each.
 pub const MAX_REGIONS: usize = 64;
 /// The most objects of a scene: the work that a scene makes grows with their pairs.
 pub const MAX_OBJECTS: usize = 1024;

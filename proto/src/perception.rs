@@ -66,8 +66,8 @@ impl SceneRequest {
         self.part.map_or_else(|| Ok(scene.clone()), |range| ScenePart::of(scene, range).to_payload())
     }
 
-    /// The same from a scene that was seen again at `stamp_ns`, nanoseconds since the Unix epoch, and whose bytes are those of an earlier time: a part
-    /// says when. Parts of a scene are asked for one by one, so that its bytes must not change between them.
+    /// The same from a scene whose content was seen again at `stamp_ns`, nanoseconds since the Unix epoch. A part says so beside its bytes: these stay as
+    /// they were at first, since a scene's parts are asked for one by one and must fit together.
     ///
     /// # Errors
     /// As [`SceneRequest::answer`].
@@ -86,7 +86,7 @@ pub struct ScenePart {
     pub total_bytes: usize,
     /// Where the part begins.
     pub offset: usize,
-    /// When the scene was last seen to be so, nanoseconds since the Unix epoch, where its bytes may say when it was at first.
+    /// When this content was last seen, nanoseconds since the Unix epoch; the stamp in its bytes may be an earlier one.
     pub stamp_ns: Option<u64>,
     /// Its bytes.
     pub bytes: Vec<u8>,

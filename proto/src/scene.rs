@@ -274,8 +274,8 @@ pub struct Scene {
     pub colors: Option<Vec<[u8; 3]>>,
     /// Everything else.
     pub meta: SceneMeta,
-    /// `meta` in the words of its sender, JSON, where those are not what is written here of it: a newer perception says more than is read. It
-    /// goes along with the scene and is part of its id for as long as `meta` is what it says; a scene that is made here has none.
+    /// The JSON of `meta` as it was sent, where this release would write it otherwise: a newer perception may say more than is read here. While
+    /// `meta` is unchanged, this is what is sent on and hashed into the id. None in a scene that was made here.
     pub as_sent: Option<Arc<str>>,
 }
 
@@ -283,14 +283,14 @@ impl Scene {
     /// The bulk schema's name.
     pub const SCHEMA: &'static str = "Scene.v1";
 
-    /// The scene's id: BLAKE3 of its canonical bulk form without stamp and camera name. That is the tensors `points`, `labels` and `colors` and the
-    /// metadata entry `scene`, as it was sent: a receiver that knows fewer of its fields finds the same id. Costs a copy of the scene: keep it.
+    /// The scene's id: BLAKE3 of its canonical bulk form without stamp and camera name, which is the tensors `points`, `labels` and `colors` and the
+    /// metadata entry `scene` as it was sent, so that a receiver that knows fewer of its fields finds the same id. Costs a copy of the scene: keep it.
     pub fn id(&self) -> String {
         self.id_in(self.description())
     }
 
-    /// Whether a scene goes by that id: in the words in which it was sent, or in those of this release, which a client that reads a scene and writes
-    /// it anew, with fields in another order or numbers spelt otherwise, need not keep.
+    /// Whether `id` is this scene's, with its metadata as it was sent or as this release writes it: a client that reads a scene and writes it anew may
+    /// order its fields and spell its numbers otherwise.
     pub fn goes_by(&self, id: &str) -> bool {
         self.id() == id || (self.as_sent.is_some() && self.id_in(written(&self.meta)) == id)
     }
@@ -342,7 +342,7 @@ impl Scene {
         bulk
     }
 
-    /// `meta` as it was sent, unless it has been changed since.
+    /// The JSON of `meta`: as it was sent, unless `meta` has been changed since.
     fn description(&self) -> String {
         let says_so = |text: &&str| crate::message::from_json::<SceneMeta>(text.as_bytes()).is_ok_and(|meta| meta == self.meta);
         self.as_sent.as_deref().filter(says_so).map_or_else(|| written(&self.meta), str::to_owned)

@@ -42,8 +42,8 @@ pub struct SystemArgs {
 }
 
 impl SystemArgs {
-    /// The first option of the command line that says which running system; none where the environment says the same, as that may be for
-    /// other commands.
+    /// The first option on the command line that selects a running system. One whose value is also the environment's does not count: that may be meant
+    /// for other commands.
     pub fn chosen(&self) -> Option<&'static str> {
         let is_ours = |given: &Option<String>, variable: &str| given.is_some() && *given != std::env::var(variable).ok();
         let options = [

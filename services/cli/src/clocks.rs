@@ -1,6 +1,6 @@
 //! What the stamps of messages say of their hosts' clocks.
 //!
-//! Nothing that matters goes by a clock of another host: a robot's states and its cameras' frames are held against each other, and those two have to share
+//! Nothing that matters goes by a clock of another host: a robot's states and its cameras' frames are compared with each other, and those two have to share
 //! one. So a clock that is off is said, and why it matters where it does.
 
 use std::fmt;

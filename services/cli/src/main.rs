@@ -23,6 +23,8 @@ mod segment_view;
 mod sequence;
 mod services;
 mod terminal;
+#[cfg(test)]
+mod testing;
 mod values;
 mod wish;
 

@@ -3,7 +3,6 @@
 use image::{Rgb, RgbImage};
 use repose_geometry::Image;
 use repose_perception::Segmented;
-use repose_perception::readings::depth::is_distance;
 use repose_pictures::colors::object_color;
 use repose_proto::{Frame, Scene, UnseenSpace};
 
@@ -54,7 +53,7 @@ pub fn segment_view(frame: &Frame, segmented: &Segmented) -> RgbImage {
 
 /// The depth counts below and above which two in a hundred readings lie.
 fn depth_range(frame: &Frame) -> (f64, f64) {
-    let mut readings: Vec<u16> = frame.depth.iter().copied().filter(|d| is_distance(*d)).collect();
+    let mut readings: Vec<u16> = frame.depth.iter().copied().filter(|d| Frame::is_reading(*d)).collect();
     readings.sort_unstable();
     let at = |share: f64| readings.get((readings.len() as f64 * share) as usize).map_or(0.0, |d| f64::from(*d));
     (at(0.02), at(0.98).max(at(0.02) + 1.0))
@@ -64,7 +63,7 @@ fn depth_range(frame: &Frame) -> (f64, f64) {
 fn depth_panel(frame: &Frame, near: f64, far: f64) -> RgbImage {
     let width = frame.camera.width;
     RgbImage::from_fn(width as u32, frame.camera.height as u32, |u, v| match frame.depth[v as usize * width + u as usize] {
-        count if !is_distance(count) => Rgb([0; 3]),
+        count if !Frame::is_reading(count) => Rgb([0; 3]),
         count => Rgb(rainbow(((f64::from(count) - near) / (far - near)).clamp(0.0, 1.0))),
     })
 }

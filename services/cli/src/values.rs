@@ -92,7 +92,7 @@ pub fn check_scenes(split: Split, first: u64, count: u64) -> CommandResult {
     let (name, scenes) = (split.name(), split.scenes());
     // Not every command has both options: from the first scene on it is their number that is at fault.
     let field = if first == 0 { "scenes" } else { "first" };
-    Err(Failure::bad_input(field, format!("the split {name} has {scenes} scenes, and not {count} from number {first} on")))
+    Err(Failure::bad_input(field, format!("the split {name} has {scenes} scenes, too few for {count} from number {first} on")))
 }
 
 /// The threads to use: as many as asked for, or one a core.

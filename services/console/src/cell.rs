@@ -166,7 +166,7 @@ impl WatchedCell {
     pub fn update(&self, change: impl FnOnce(&mut Activity)) {
         let mut known = locked(&self.shared.known);
         change(&mut known.activity);
-        // Told before anybody changes it again: of two who change it at once, the one that came first would else be told last, and stay on the pages.
+        // Told before anybody changes it again: of two who change it at once, the one that came first would otherwise be told last, and stay on the pages.
         self.shared.audience.tell(&Topic::Activity, &ServerMessage::Activity(Box::new(known.activity.clone())).encode());
     }
 

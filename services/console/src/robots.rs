@@ -1,25 +1,21 @@
 //! A cell's robots, as they were last heard of. Names come and go while somebody looks at a cell for weeks: those long silent are forgotten.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use repose_proto::robot::RobotState;
+use repose_runtime::followed_robots::{MAX_ROBOTS, SILENT};
 
 use crate::system::REMEMBERED;
-
-/// Robots that are known at once; further ones are left out.
-const MOST: usize = 16;
-/// One that has told nothing for longer makes room for another, where there are as many as are known: states come twenty times a second or more often.
-const SILENT: Duration = Duration::from_secs(2);
 
 /// What each robot has told last, and when.
 #[derive(Default)]
 pub struct KnownRobots(BTreeMap<String, (Instant, RobotState)>);
 
 impl KnownRobots {
-    /// Notes a state of a robot; whether there is room for it.
+    /// Notes a state of a robot; whether there is room for it. Where as many are known as are followed, the one that has been silent for longest goes.
     pub fn saw(&mut self, robot: &str, state: RobotState, at: Instant) -> bool {
-        if self.0.len() >= MOST && !self.0.contains_key(robot) {
+        if self.0.len() >= MAX_ROBOTS && !self.0.contains_key(robot) {
             let silent = self.0.iter().filter(|(_, (heard, _))| at.duration_since(*heard) > SILENT);
             let Some(gone) = silent.min_by_key(|(_, (heard, _))| *heard).map(|(name, _)| name.clone()) else { return false };
             self.0.remove(&gone);
@@ -42,6 +38,8 @@ impl KnownRobots {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use serde_json::json;
 
     use super::*;
@@ -56,14 +54,14 @@ mod tests {
     #[test]
     fn names_that_come_and_go_leave_room_for_the_robots_that_are_there() {
         let (mut robots, start) = (KnownRobots::default(), Instant::now());
-        for k in 0..MOST {
+        for k in 0..MAX_ROBOTS {
             assert!(robots.saw(&format!("robot-{k}"), state(), start + Duration::from_millis(k as u64)));
         }
         assert!(!robots.saw("another", state(), start + SILENT / 2), "all the others live");
         assert!(robots.saw("robot-0", state(), start + SILENT) && robots.saw("another", state(), start + 2 * SILENT));
         assert!(robots.state("another").is_some() && robots.state("robot-0").is_some());
         assert!(robots.state("robot-1").is_none(), "it has been silent for the longest");
-        assert_eq!(robots.names(start + 2 * SILENT).len(), MOST);
+        assert_eq!(robots.names(start + 2 * SILENT).len(), MAX_ROBOTS);
         assert_eq!(robots.names(start + REMEMBERED + SILENT), ["another"]);
         assert!(robots.names(start + REMEMBERED + 2 * SILENT).is_empty());
     }

@@ -54,7 +54,7 @@ impl RobotKeys {
             tokio::select! {
                 biased;
                 sample = self.stops.recv() => match sample {
-                    // Whatever comes here stops the arm: its form is of no matter. Where too many wait, this one is repeated.
+                    // Whatever comes here stops the arm: its form does not matter. Where too many wait, this one is repeated.
                     Some(sample) => drop(end.stops.try_send(EmergencyStop::read(&sample.payload.bytes))),
                     None => return Ok(()),
                 },

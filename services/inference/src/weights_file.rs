@@ -1,6 +1,6 @@
 //! Weights that change while they are served: the file is checked at intervals, and new weights are loaded and tried before they replace the
-//! old. A file that cannot be read or does not fit is reported once, and the old weights stay in service; one that cannot be read is tried again
-//! at every check, since what it is put right by (its owner, its mode, a file less that is open) leaves it as old and as long as it was.
+//! old. A file that cannot be read or does not fit is reported once, and the old weights stay in service. One that cannot be read is tried again
+//! at every check: another owner or mode, or fewer open files in this process, make it readable and leave its time and length as they were.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -93,9 +93,9 @@ impl Desk {
     async fn view_after(&self, instant_ns: u64, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
         let camera = &self.settings.camera;
         loop {
-            let summary = fetch_newest(&self.perception, camera, &until(deadline)).await?;
+            let summary = fetch_newest(&self.perception, camera, &CallOptions::default().until(deadline)).await?;
             if summary.stamp_ns > instant_ns {
-                let scene = fetch_scene(&self.perception, &summary.scene_id, &until(deadline)).await?;
+                let scene = fetch_scene(&self.perception, &summary.scene_id, &CallOptions::default().until(deadline)).await?;
                 let seen = Arc::new(ShownScene { scene_id: summary.scene_id, scene });
                 // A scene that looks the same to the last point has the same id and a later stamp.
                 return Ok(self.scenes.keep_over(seen.clone().handle(), seen, |_| true));
@@ -130,11 +130,6 @@ impl Desk {
     pub(crate) fn shown(&self, handle: &str) -> Result<Arc<ShownScene>, CallError> {
         self.scenes.get(handle).map_err(|_| CallError::not_found("scene", format!("scene {handle:?} is not at hand: look again")))
     }
-}
-
-/// A call that is one of several within a deadline.
-pub(crate) fn until(deadline: Instant) -> CallOptions {
-    CallOptions::within(deadline.saturating_duration_since(Instant::now()))
 }
 
 /// Computes beside the async threads.

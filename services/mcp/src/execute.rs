@@ -22,7 +22,7 @@ use tokio::time::Instant;
 use crate::answer::ToolResult;
 use crate::arguments::ExecuteArguments;
 use crate::asker::Asker;
-use crate::desk::{Desk, computed, until};
+use crate::desk::{Desk, computed};
 use crate::look::QUALITY;
 use crate::plan::moved_by;
 use crate::plans::Plan;
@@ -97,7 +97,7 @@ impl Desk {
         check_free(&self.settings().robot, &state)?;
         let (seen, followed) = self.unchanged(plan, deadline).await?;
         let request = self.motion_request(plan, &followed, &seen, &state)?;
-        let motion = self.motion.plan_motion(&request, Some(&seen.scene), until(deadline)).await?;
+        let motion = self.motion.plan_motion(&request, Some(&seen.scene), CallOptions::default().until(deadline)).await?;
         Ok((followed, motion))
     }
 

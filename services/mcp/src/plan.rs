@@ -20,7 +20,7 @@ use serde::Serialize;
 use crate::answer::ToolResult;
 use crate::arguments::{Named, PlanArguments};
 use crate::asker::Asker;
-use crate::desk::{Desk, computed, until};
+use crate::desk::{Desk, computed};
 use crate::look::QUALITY;
 use crate::plans::Plan;
 use crate::seen::ShownScene;
@@ -93,11 +93,11 @@ impl Desk {
         let state = self.robot_state().await;
         let request = self.request(asked, &seen, &wish, state.as_ref().ok());
         request.validate()?;
-        let (result, _) = self.planner.place(&request, Some(&seen.scene), until(deadline)).await?;
+        let (result, _) = self.planner.place(&request, Some(&seen.scene), CallOptions::default().until(deadline)).await?;
         let arm = match (&state, result.placements.is_empty()) {
             (_, true) => None,
             (Err(error), false) => Some(Arm::Unasked(error.message.clone())),
-            (Ok(state), false) => Some(self.arm(&request, &result, &seen, state, until(deadline)).await?),
+            (Ok(state), false) => Some(self.arm(&request, &result, &seen, state, CallOptions::default().until(deadline)).await?),
         };
         let (planned, plan) = judged(&wish, &seen, &result, arm, &request, asker);
         self.answer(planned, plan, &result, &seen).await

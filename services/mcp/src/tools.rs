@@ -160,7 +160,7 @@ async fn carry_out(desk: &Desk, tool: Tool, given: Value, asker: &Asker, cancel:
     }
 }
 
-/// What only reads, given up wherever it is: a call that is dropped is given up at its worker, too.
+/// Does what only reads, until it is given up: a call that is dropped is cancelled at its worker, too.
 async fn unless_given_up<T>(cancel: &CancellationToken, asking: impl Future<Output = Result<T, CallError>>) -> Result<T, CallError> {
     let given_up = || Err(CallError::new(ErrorCode::Cancelled, "given up by who asked"));
     cancel.run_until_cancelled(asking).await.unwrap_or_else(given_up)

@@ -97,7 +97,7 @@ impl Endpoints {
         Payload::json(&self.driven(call, &robot, stood, execute).await?)
     }
 
-    /// A plan as it may be carried out beside the robots that stand there, and what it puts into the hand where its scene is to be had.
+    /// A plan as it may be carried out beside the robots that stand there, and what it puts into the hand, where its scene is known.
     async fn executable(&self, plan: MotionPlan, call: &Call) -> Result<(MotionPlan, Option<HeldObject>), CallError> {
         let fetched = self.missing_scene(&plan.scene_id, call).await;
         let (worker, neighbours, context) = (self.worker.clone(), self.neighbours.clone(), call.context());

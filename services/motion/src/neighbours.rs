@@ -10,6 +10,7 @@ use repose_panda::{JOINT_COUNT, Joints, LinkFrames, base_from_tcp, shoulder_in_b
 use repose_proto::motion::MotionPlan;
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, Scene, keys};
+use repose_runtime::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 use repose_runtime::{RuntimeError, Session};
 use tokio::task::JoinSet;
 
@@ -19,10 +20,6 @@ use crate::obstacles::ObstacleShape;
 
 /// States that wait to be read: hundreds of milliseconds of a few robots that tell theirs a thousand times a second.
 const WAITING: usize = 1024;
-/// Robots of a cell that are followed, those within reach first.
-const MAX_ROBOTS: usize = 16;
-/// Bases within this are one robot's, under two names, metres: no two arms stand there.
-const SAME_BASE_M: f64 = 0.1;
 /// Bases farther apart than this are of robots that cannot meet, metres: twice an arm's reach with what it holds.
 const FAR_M: f64 = 2.5;
 /// Parts of another robot that are farther than this from a robot's base cannot be met, metres.
@@ -34,9 +31,6 @@ const LOOK: Duration = Duration::from_millis(10);
 const MOVED_RAD: f64 = 0.01;
 /// What planning keeps away from another robot beside all that it keeps away from the scene, metres: bases are known to a centimetre or two.
 const ROOM_M: f64 = 0.03;
-
-/// A robot that has told nothing for longer than this is silent: states come twenty times a second or more often.
-const SILENT: Duration = Duration::from_secs(2);
 
 /// How robots stand, by their names.
 pub type Stances = BTreeMap<String, Joints>;
@@ -87,8 +81,8 @@ impl Neighbours {
         self.beside(robot).iter().flat_map(|neighbour| neighbour.solids(&self.world_from_base, ROOM_M)).collect()
     }
 
-    /// Checks that a robot that tells where its base stands has it where motions are planned for. Who carries a plan out cannot see where the robot
-    /// was thought to stand when it was made: another worker, which plans for that very place, would.
+    /// Checks that a robot that tells where its base stands has it where this worker plans for. A plan does not say for which base it was made, so a
+    /// worker that plans for the robot's true base would carry it out.
     ///
     /// # Errors
     /// Those of [`check_base`].

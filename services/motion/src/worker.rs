@@ -161,13 +161,13 @@ impl Worker {
         self.queue.run(context, job).await
     }
 
-    /// A plan as it may be carried out, and its scene where that is held, or was `fetched`. It travels through its caller, so what it says of its
-    /// scene's age counts only where that is stricter than this worker's own limit and, where the scene is held, than when that was seen. Not for
-    /// async code: it hashes a scene that was fetched, and goes through the whole plan; whether to `go_on` is asked now and then.
+    /// A plan as it may be carried out, and its scene where that is held or was `fetched`. The plan has passed through its caller's hands: what it says
+    /// of its scene's age counts only where that is stricter than this worker's limit and, where the scene is held, than that scene's stamp. Not for async
+    /// code: it hashes a fetched scene and goes through the whole plan; whether to `go_on` is asked on the way.
     ///
     /// # Errors
-    /// `not_found` when the plan's scene is held and has no such object; `failed_precondition` when the plan enters a keep-out zone, or carries
-    /// nobody knows what where there are some; `invalid_argument` when another scene was fetched; what `go_on` says.
+    /// `not_found` when the plan's scene is known and has no such object; `failed_precondition` when the plan enters a keep-out zone, or carries
+    /// something of a scene that is not known where there are zones; `invalid_argument` when another scene was fetched; what `go_on` says.
     pub fn executable(
         &self,
         mut plan: MotionPlan,

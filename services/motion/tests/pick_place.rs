@@ -256,7 +256,7 @@ fn what_is_held_keeps_out_of_a_zone_under_the_hand() {
 }
 
 #[test]
-fn fingers_are_held_against_a_zone_where_they_were_sent_and_not_wide_open() {
+fn fingers_are_checked_against_a_zone_where_they_were_sent_and_not_wide_open() {
     let found = plan(1, &[moved(0.45, 0.25)], None).unwrap().grasp;
     let narrow = GraspCandidate { opening_m: 0.056, aside_m: 0.0, ..found };
     let narrow = plan(1, &[moved(0.45, 0.25)], Some(&[narrow])).unwrap();

@@ -35,8 +35,8 @@ pub struct PerceptionConfig {
     pub scenes_kept: usize,
     /// Most bytes of those scenes. The older go first.
     pub scenes_kept_bytes: usize,
-    /// How long a camera's scene that nobody asks for can be asked for once there is a newer one, milliseconds; until then it can be however old it is.
-    /// Where there is no room it goes sooner. Raising it gives whoever has read an id more time, at about 5 MB for every scene of that time.
+    /// How long a camera's scene that nobody asked for is kept once there is a newer one, milliseconds; the newest is kept however old it is. Where there
+    /// is no room a scene goes sooner. Raising it gives whoever has read an id more time, at about 5 MB for every scene of that time.
     pub unasked_kept_ms: u64,
     /// How often a frame of a stream becomes a scene while nobody asks for its camera's scenes, milliseconds; 0 makes one of every frame. A frame after
     /// a second's pause, and the last of a stream, become one whoever asks, and who asks after a pause gets that of the newest frame. Raising it saves

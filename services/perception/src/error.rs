@@ -33,7 +33,7 @@ pub enum SegmentError {
         nearest_m: Option<f64>,
     },
     /// Every reading is of a robot, or of what it holds.
-    #[error("all of the {readings} readings are of robots, or of what they hold: nothing else shows")]
+    #[error("all {readings} readings are of robots or of what they hold")]
     RobotsOnly {
         /// Readings before the robots were taken out.
         readings: usize,

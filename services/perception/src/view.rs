@@ -15,7 +15,7 @@ use crate::objects::coarse::CoarsePicture;
 use crate::objects::color::Rgb;
 use crate::objects::find::Found;
 use crate::objects::{holes, seen, spread};
-use crate::readings::depth::{DepthMap, is_distance};
+use crate::readings::depth::DepthMap;
 use crate::readings::flying::{self, Flying};
 use crate::readings::point_map::{PointMap, strided};
 use crate::robots::body::RobotBody;
@@ -136,7 +136,7 @@ impl Readings {
         if readings > flying.removed {
             return Ok(Self { camera, depth, readings, flying });
         }
-        let nearest = frame.depth.iter().copied().filter(|count| is_distance(*count)).min();
+        let nearest = frame.depth.iter().copied().filter(|count| Frame::is_reading(*count)).min();
         let nearest_m = nearest.map(|count| f64::from(count) * model.depth_unit_m).filter(|m| *m > f64::from(settings.max_depth_m));
         Err(SegmentError::NoReadings { pixels: depth.depth_m().pixels().len(), max_depth_m: settings.max_depth_m, nearest_m })
     }

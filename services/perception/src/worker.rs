@@ -256,8 +256,8 @@ impl Worker {
         self.scenes.keep_over(&scene_id, scene, |_| true);
     }
 
-    /// Keeps a scene of a camera likewise, and lets those go that nobody asked for in time, but for the `newest` of each camera: who is told of one by
-    /// `latest` asks for it next, however long ago it was made and whatever other cameras show since.
+    /// Keeps a scene of a camera likewise, and lets those go that nobody asked for in time. The `newest` scene of each camera stays, however old: whoever
+    /// is told of it by `latest` asks for it next.
     pub fn keep_streamed(&self, scene: Arc<KeptScene>, newest: &NewestScenes) {
         let scene_id = scene.summary.scene_id.clone();
         for id in newest.scene_ids() {

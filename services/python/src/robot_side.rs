@@ -242,7 +242,7 @@ async fn joined(session: Session, robot: &str, end: CancellationToken) -> Result
     let latest = waiting.clone();
     let stopping = async move {
         while let Some(sample) = stops.recv().await {
-            // Whatever comes here stops the arm: its form and its encoding are of no matter.
+            // Whatever comes here stops the arm: its form and its encoding do not matter.
             let stop = EmergencyStop::read(&sample.payload.bytes);
             let mut waiting = latest.lock().unwrap_or_else(PoisonError::into_inner);
             // The arm is stopped by those that wait; where there are too many, this one is repeated.

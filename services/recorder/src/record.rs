@@ -349,13 +349,11 @@ impl Capture {
     }
 }
 
-/// Gives something to the file, where it has room for it; otherwise it is lost. Whether it had.
-fn hand_over(to_file: &mpsc::Sender<Captured>, lost: &LostMessages, kind: &'static str, captured: Captured) -> bool {
-    let has_room = to_file.try_send(captured).is_ok();
-    if !has_room {
+/// Gives something to the file; where that has no room for it, it is lost.
+fn hand_over(to_file: &mpsc::Sender<Captured>, lost: &LostMessages, kind: &'static str, captured: Captured) {
+    if to_file.try_send(captured).is_err() {
         lost.add(kind, 1);
     }
-    has_room
 }
 
 /// Whether the next message of a key may be kept, and from when on the one after it.
@@ -464,13 +462,14 @@ mod tests {
 
     #[test]
     fn what_the_file_has_no_room_for_is_counted_and_waits_for_none() {
-        let ((to_file, _captured), lost) = (mpsc::channel(1), LostMessages::default());
+        let ((to_file, mut captured), lost) = (mpsc::channel(1), LostMessages::default());
         let scene = || {
             let payload = Payload { encoding: String::new(), bytes: Vec::new().into() };
             Captured::Scene { scene_id: "one".to_owned(), payload, at_ns: 0 }
         };
-        let taken = [hand_over(&to_file, &lost, "scenes", scene()), hand_over(&to_file, &lost, "scenes", scene())];
-        assert_eq!((taken, lost.by_kind()), ([true, false], BTreeMap::from([("scenes", 1)])));
+        (0..2).for_each(|_| hand_over(&to_file, &lost, "scenes", scene()));
+        assert!(captured.try_recv().is_ok() && captured.try_recv().is_err());
+        assert_eq!(lost.by_kind(), BTreeMap::from([("scenes", 1)]));
     }
 
     #[test]

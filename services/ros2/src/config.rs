@@ -18,7 +18,7 @@ pub use camera::{CameraConfig, DepthSource, is_packed};
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros2Config {
-    /// The session with the ROS 2 system, like `[session]`; the cell is of no matter. Default: a client of `rmw_zenohd` on this machine,
+    /// The session with the ROS 2 system, like `[session]`; the cell does not matter. Default: a client of `rmw_zenohd` on this machine,
     /// `tcp/127.0.0.1:7447`.
     pub session: SessionConfig,
     /// The ROS domain, `ROS_DOMAIN_ID`. Default 0.

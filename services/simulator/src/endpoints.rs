@@ -74,7 +74,7 @@ pub async fn connect(
     let world = worker.clone();
     tasks.spawn(async move {
         while let Some(sample) = stops.recv().await {
-            // Whatever comes here stops the arm: its form and its encoding are of no matter.
+            // Whatever comes here stops the arm: its form and its encoding do not matter.
             if let Err(error) = world.emergency_stop(EmergencyStop::read(&sample.payload.bytes)) {
                 tracing::error!(%error, "an emergency stop could not be taken");
             }

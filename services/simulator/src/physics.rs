@@ -206,7 +206,7 @@ impl World {
         (0..self.objects.len()).map(|i| self.world_from_object(i)).collect()
     }
 
-    /// The pairs of things that touched in the last step, each pair and all of them in order. Fixtures are not held against each other.
+    /// The pairs of things that touched in the last step, each pair and all of them in order. Fixtures are not tested against each other.
     pub fn contacts(&self) -> Vec<[Touchable; 2]> {
         /// Contacts are foreseen before they happen; these do.
         const TOUCHING_M: f32 = 0.0005;

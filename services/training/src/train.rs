@@ -94,11 +94,21 @@ struct Run<'a, T: TrainingTask> {
     loss: Option<f64>,
 }
 
-impl<'a, T: TrainingTask> Run<'a, T> {
-    fn new(settings: &'a TrainSettings, task: &'a T) -> Result<Self, TrainError> {
+/// What a run begins with.
+struct Beginning {
+    config: NetworksConfig,
+    networks: Networks,
+    parameters: Parameters,
+    info: WeightsInfo,
+    origin: Origin,
+}
+
+impl Beginning {
+    /// The weights that the settings name to start from, or new ones.
+    fn of(settings: &TrainSettings) -> Result<Self, TrainError> {
         let device = settings.device.open()?;
         let mut origin = Origin { start: None, mean_with: Vec::new(), relations: settings.relations };
-        let (config, networks, parameters, info) = match &settings.start {
+        let (config, (networks, parameters), info) = match &settings.start {
             Some(path) => {
                 let mut weights = read("start", path)?;
                 origin.start = Some(name_of(&weights, path, &settings.out));
@@ -111,8 +121,8 @@ impl<'a, T: TrainingTask> Run<'a, T> {
                 mean_with(&mut weights.values, &others, settings.part)?;
                 let config = shapes(settings, Some(&weights.values));
                 let rng = &mut generator(settings.seed, 0, u64::MAX);
-                let (networks, parameters) = Networks::started(&config, &starting(weights.values), rng, &device)?;
-                (config, networks, parameters, weights.info)
+                let networks = Networks::started(&config, &starting(weights.values), rng, &device)?;
+                (config, networks, weights.info)
             }
             None if settings.part == TrainedPart::Relations => {
                 return Err(TrainError::NoStart("the relation predictor is trained on encoders that are trained already"));
@@ -122,22 +132,18 @@ impl<'a, T: TrainingTask> Run<'a, T> {
             }
             None => {
                 let config = shapes(settings, None);
-                let (networks, parameters) = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX), &device)?;
-                (config, networks, parameters, WeightsInfo::default())
+                let networks = Networks::seeded(&config, &mut generator(settings.seed, 0, u64::MAX), &device)?;
+                (config, networks, WeightsInfo::default())
             }
         };
-        let open = |split: Split| {
-            let views = views_of(settings, split)?;
-            let (folder, name) = (settings.data.clone(), split.name());
-            match views.is_empty() {
-                false => Ok(views),
-                true if settings.part == TrainedPart::Outcome && !Views::open(&settings.data, split)?.is_empty() => {
-                    Err(TrainError::NoOutcomes { folder, split: name })
-                }
-                true => Err(TrainError::Empty { folder, split: name }),
-            }
-        };
-        let views = open(Split::Train)?;
+        Ok(Self { config, networks, parameters, info, origin })
+    }
+}
+
+impl<'a, T: TrainingTask> Run<'a, T> {
+    fn new(settings: &'a TrainSettings, task: &'a T) -> Result<Self, TrainError> {
+        let Beginning { config, networks, parameters, info, origin } = Beginning::of(settings)?;
+        let views = training_views(settings)?;
         let average = parameters.to_map()?;
         let mut run = Self {
             settings,
@@ -354,6 +360,19 @@ impl<'a, T: TrainingTask> Run<'a, T> {
 fn views_of(settings: &TrainSettings, split: Split) -> Result<Views, TrainError> {
     let open = if settings.part == TrainedPart::Outcome { Views::released } else { Views::open };
     Ok(open(&settings.data, split)?)
+}
+
+/// The training views; why there are none to learn from, where there are none.
+fn training_views(settings: &TrainSettings) -> Result<Views, TrainError> {
+    let views = views_of(settings, Split::Train)?;
+    let (folder, split) = (settings.data.clone(), Split::Train.name());
+    match views.is_empty() {
+        false => Ok(views),
+        true if settings.part == TrainedPart::Outcome && !Views::open(&settings.data, Split::Train)?.is_empty() => {
+            Err(TrainError::NoOutcomes { folder, split })
+        }
+        true => Err(TrainError::Empty { folder, split }),
+    }
 }
 
 /// The shapes of a run's networks. A relation predictor that is not fitted stays of the variant that it is of in the weights to start from.

@@ -141,8 +141,8 @@ fn words(report: &CheckReport) -> String {
     lines.extend(unanswered.iter().map(|trial| format!("UNKNOWN: {trial}")));
     lines.push(match (wrong.len(), unanswered.len()) {
         (0, 0) => "every user may do what the roles say, and nothing else".to_owned(),
-        (wrong, 0) => format!("{wrong} came out otherwise than the roles say"),
-        (wrong, unanswered) => format!("{wrong} came out otherwise than the roles say, and {unanswered} had no answer either way"),
+        (wrong, 0) => format!("{wrong} differ from the roles"),
+        (wrong, unanswered) => format!("{wrong} differ from the roles, and {unanswered} had no answer either way"),
     });
     lines.join("\n")
 }
@@ -153,11 +153,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: DeployArgs,
-    }
+    type Line = crate::testing::Line<DeployArgs>;
 
     #[test]
     fn a_folder_on_another_machine_is_named_from_its_root() {

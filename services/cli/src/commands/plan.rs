@@ -122,11 +122,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: PlanArgs,
-    }
+    type Line = crate::testing::Line<PlanArgs>;
 
     #[test]
     fn a_motion_without_a_robot_is_refused_before_a_placement_is_searched_for() {

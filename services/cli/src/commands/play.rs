@@ -234,11 +234,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: PlayArgs,
-    }
+    type Line = crate::testing::Line<PlayArgs>;
 
     fn parsed(options: &[&str]) -> PlayArgs {
         Line::parse_from(["play", "run.mcap"].iter().chain(options)).args

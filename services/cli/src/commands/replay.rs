@@ -125,11 +125,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: ReplayArgs,
-    }
+    type Line = crate::testing::Line<ReplayArgs>;
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_running_system_that_would_not_be_asked_is_refused() {

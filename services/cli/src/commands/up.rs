@@ -336,11 +336,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: UpArgs,
-    }
+    type Line = crate::testing::Line<UpArgs>;
 
     #[test]
     fn planners_are_started_here_unless_another_pool_has_them_and_then_asking_for_some_is_refused() {

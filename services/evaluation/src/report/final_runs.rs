@@ -12,6 +12,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::report::own_commit::{DIRTY, UNKNOWN};
 use crate::report::written::FileError;
 
 /// One run, a line of the ledger.
@@ -22,7 +23,7 @@ pub struct FinalRun {
     pub table: String,
     /// The block of the split.
     pub block: u64,
-    /// The commit of the code that ran, as [`commit`] says it.
+    /// The commit of the code that ran, as [`own_commit`](crate::report::own_commit::own_commit) says it.
     pub commit: String,
     /// What the table was made with: weights, settings.
     pub made_with: Value,
@@ -53,8 +54,8 @@ pub enum FinalRunError {
     Dirty(String),
     /// Nobody knows which code it is.
     #[error(
-        "the commit of this program is not known: a run of `final` names the code that made it, so build it in a checkout, and run what cargo has \
-         built (target/release/repose, with its list repose.d beside it) there, with git at hand"
+        "the commit of this program is not known, and a run of `final` names it: build the program in a git checkout, and run it there where cargo \
+         has put it (target/release/repose, with repose.d beside it)"
     )]
     Unknown,
 }
@@ -98,72 +99,9 @@ pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_
     Ok(block)
 }
 
-/// What a commit that files differ from ends in.
-const DIRTY: &str = "-dirty";
-/// The commit of a program of which nobody knows what it was built from.
-const UNKNOWN: &str = "unknown";
-
-/// The commit of this program: the one that is checked out in the working directory, where the program was built from that checkout as it is now;
-/// with `-dirty` where files differ from it, and `unknown` where the program is of other files, or nobody can tell of which.
-pub fn commit() -> String {
-    let here = Path::new(".");
-    let (Some(head), Some(top)) = (git(here, &["rev-parse", "HEAD"]), git(here, &["rev-parse", "--show-toplevel"])) else {
-        return UNKNOWN.to_owned();
-    };
-    // What is checked out says nothing of a program that was built before it was, or somewhere else.
-    let is_of_checkout = std::env::current_exe().and_then(|program| is_built_from(&program, Path::new(&top)));
-    if !is_of_checkout.unwrap_or(false) {
-        return UNKNOWN.to_owned();
-    }
-    format!("{head}{}", if differs(here) { DIRTY } else { "" })
-}
-
-/// Whether files of a checkout differ from its commit. The ledger does as soon as a run has begun, and nothing is built from it.
-fn differs(checkout: &Path) -> bool {
-    let without_ledger = format!(":(top,exclude){LEDGER}");
-    let changes = git(checkout, &["status", "--porcelain", "--untracked-files=no", "--", ":/", &without_ledger]);
-    changes.is_none_or(|changes| !changes.is_empty())
-}
-
-/// What git says in a folder; none where it cannot, or is not there.
-fn git(folder: &Path, arguments: &[&str]) -> Option<String> {
-    let mut command = std::process::Command::new("git");
-    // Within a hook these name another checkout than the folder's.
-    for variable in ["GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"] {
-        command.env_remove(variable);
-    }
-    let said = command.current_dir(folder).args(arguments).stderr(std::process::Stdio::null()).output().ok()?;
-    said.status.success().then(|| String::from_utf8_lossy(&said.stdout).trim().to_owned())
-}
-
-/// Whether a program was built from files of a checkout that have stayed as they were. Cargo lists what it has built a program from beside it, in
-/// `repose.d` for `repose`, and goes by the times of the same files to tell whether it has to be built again.
-///
-/// # Errors
-/// When there is no such list, or a file in it is not there.
-fn is_built_from(program: &Path, checkout: &Path) -> std::io::Result<bool> {
-    let list = std::fs::read_to_string(program.with_extension("d"))?;
-    let (built, checkout) = (std::fs::metadata(program)?.modified()?, checkout.canonicalize()?);
-    let (_, files) = list.lines().next().and_then(|line| line.split_once(": ")).unwrap_or_default();
-    // A space in a name stands behind a backslash; no name has a zero.
-    let files = files.replace("\\ ", "\0");
-    let mut count = 0;
-    for file in files.split(' ').filter(|file| !file.is_empty()) {
-        let file = checkout.join(file.replace('\0', " ")).canonicalize()?;
-        if !file.starts_with(&checkout) || file.metadata()?.modified()? > built {
-            return Ok(false);
-        }
-        count += 1;
-    }
-    Ok(count > 0)
-}
-
-/// Where the ledger lies in a checkout.
-const LEDGER: &str = "services/evaluation/record/final.jsonl";
-
 /// The ledger in a checkout, seen from its top folder.
 pub fn ledger() -> PathBuf {
-    PathBuf::from(LEDGER)
+    PathBuf::from("services/evaluation/record/final.jsonl")
 }
 
 #[cfg(test)]
@@ -188,27 +126,6 @@ mod tests {
         assert_eq!(std::fs::read_to_string(&ledger).expect("a file").lines().count(), 4);
         let dirty = claim(&ledger, "planner", None, "c3-dirty", &new).expect_err("what made it has no name").to_string();
         assert!(dirty.contains("c3") && dirty.contains("commit first"), "{dirty}");
-    }
-
-    #[test]
-    fn a_run_that_is_written_down_does_not_make_the_code_another() {
-        let checkout = tempfile::tempdir().expect("a folder");
-        let ledger = checkout.path().join(LEDGER);
-        std::fs::create_dir_all(ledger.parent().expect("a folder")).expect("made");
-        let code = checkout.path().join("code.rs");
-        [&ledger, &code].into_iter().for_each(|file| std::fs::write(file, "\n").expect("written"));
-        let author = ["-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false"];
-        let commit = [&author[..], &["commit", "--quiet", "--message", "first"]].concat();
-        for arguments in [&["init", "--quiet"][..], &["add", "--all"], &commit[..]] {
-            // Where git is not at hand, no block is claimed either.
-            let Some(_) = git(checkout.path(), arguments) else { return };
-        }
-        assert!(!differs(checkout.path()));
-        std::fs::write(&ledger, "{}\n").expect("written");
-        assert!(!differs(checkout.path()), "an interrupted run goes on");
-        std::fs::write(&code, "other\n").expect("written");
-        assert!(differs(checkout.path()));
-        assert!(differs(&checkout.path().join("no/such/folder")), "nobody knows");
     }
 
     #[test]
@@ -239,41 +156,6 @@ mod tests {
             assert!(matches!(refused, FinalRunError::Unknown), "{refused}");
         }
         assert!(!ledger.exists(), "no block is spent");
-    }
-
-    #[test]
-    fn a_program_is_of_a_checkout_while_what_it_was_built_from_stays_as_it_was() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let [checkout, elsewhere] = ["check out", "elsewhere"].map(|name| folder.path().join(name));
-        let program = folder.path().join("target").join("repose");
-        let sources = [checkout.join("src/main.rs"), checkout.join("src/lib.rs")];
-        for file in sources.iter().chain([&program, &elsewhere.join("lib.rs")]) {
-            std::fs::create_dir_all(file.parent().expect("a folder")).expect("made");
-            std::fs::write(file, "").expect("written");
-        }
-        let is_of = |checkout: &Path| is_built_from(&program, checkout).ok();
-        assert_eq!(is_of(&checkout), None, "nobody knows what it was built from");
-        let list = |files: &[PathBuf]| {
-            let files: Vec<String> = files.iter().map(|file| file.display().to_string().replace(' ', "\\ ")).collect();
-            std::fs::write(program.with_extension("d"), format!("{}: {}\n", program.display(), files.join(" "))).expect("written");
-        };
-        list(&[]);
-        assert_eq!(is_of(&checkout), Some(false));
-        list(&sources);
-        let written_at = |file: &Path, after_s: u64| {
-            let file = File::options().write(true).open(file).expect("a file");
-            file.set_modified(UNIX_EPOCH + std::time::Duration::from_secs(after_s)).expect("its time is set");
-        };
-        written_at(&program, 2000);
-        sources.iter().for_each(|source| written_at(source, 1000));
-        assert_eq!((is_of(&checkout), is_of(&elsewhere)), (Some(true), Some(false)));
-        written_at(&sources[1], 3000);
-        assert_eq!(is_of(&checkout), Some(false), "another commit was checked out since");
-        written_at(&sources[1], 1000);
-        list(&[sources[0].clone(), elsewhere.join("lib.rs")]);
-        assert_eq!(is_of(&checkout), Some(false), "it was built somewhere else");
-        list(&[sources[0].clone(), checkout.join("src/gone.rs")]);
-        assert_eq!(is_of(&checkout), None);
     }
 
     #[test]

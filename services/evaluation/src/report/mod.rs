@@ -5,6 +5,7 @@ pub mod belief;
 pub mod discriminator;
 pub mod final_runs;
 pub mod histogram;
+pub mod own_commit;
 pub mod planner;
 pub mod planner_records;
 pub mod planner_sheets;

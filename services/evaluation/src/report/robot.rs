@@ -1,6 +1,7 @@
 //! The report of `evaluate robot`: JSON with the contract's keys, and a table beside the paper's figures.
 
-use crate::report::final_runs::commit;
+use crate::report::final_runs::ledger;
+use crate::report::own_commit::own_commit;
 use crate::report::text;
 use crate::scenes::robot_scene::{Excluded, TableCondition};
 use crate::statistics::rate::Rate;
@@ -30,7 +31,7 @@ pub fn document(table: &RobotTable, settings: &RobotTableSettings, weights_hash:
         value
     };
     serde_json::json!({
-        "commit": commit(), "weights_hash": weights_hash, "seed": settings.seed, "attempts": settings.trial.attempts,
+        "commit": own_commit(&ledger()), "weights_hash": weights_hash, "seed": settings.seed, "attempts": settings.trial.attempts,
         "rows": table.rows.iter().map(row).collect::<Vec<_>>(),
         "overall": table.overall.iter().map(row).collect::<Vec<_>>(),
         "trials": table.trials,

@@ -4,7 +4,10 @@
 //! accelerations only shrink; what slowing adds is kept to a share of the limits by taking the time it needs.
 
 use repose_panda::{JOINT_COUNT, JointLimits, hermite, smooth_step};
-use repose_proto::robot::SetPoint;
+use repose_proto::motion::ExecutionOutcome;
+use repose_proto::robot::{RobotCommand, SetPoint};
+
+use super::{Execution, ExecutionAction, Taken};
 
 /// Share of the acceleration limits that slowing down may add.
 const BRAKING_SHARE: f64 = 0.35;
@@ -15,8 +18,69 @@ const PERIOD_MS: f64 = 10.0;
 /// Steepest fall of the quintic over its unit interval.
 const STEEPEST: f64 = 1.875;
 
+/// A cancelled stream on its way to rest.
+#[derive(Debug, Clone)]
+pub(super) struct Halt {
+    reason: String,
+    set_points: Vec<SetPoint>,
+    first_seq: u64,
+    since_ms: u64,
+}
+
+impl Halt {
+    /// The first command that says how it comes to rest.
+    pub(super) fn first_seq(&self) -> u64 {
+        self.first_seq
+    }
+}
+
+impl Execution {
+    /// Slows the current stream down until the arm stands.
+    pub(super) fn begin_halt(&mut self, reason: &str, taken: Taken, now_ms: u64) -> Vec<ExecutionAction> {
+        let set_points = self.way_to_rest(taken, now_ms);
+        self.halt = Some(Halt { reason: reason.to_owned(), set_points, first_seq: self.seq + 1, since_ms: now_ms });
+        self.go_on_halting(now_ms)
+    }
+
+    /// The current stream from where the robot was last seen on it, slowed down from ahead of where it may be by now: it went on while its states
+    /// were late or lost. What lies between goes along, for not all of it may have come.
+    fn way_to_rest(&self, taken: Taken, now_ms: u64) -> Vec<SetPoint> {
+        let (shown_ms, since_ms) = match self.is_taken(taken.first_seq) {
+            true => (self.last_state.stream_ms.unwrap_or(0.0), self.last_state_ms),
+            false => (0.0, taken.sent_at_ms),
+        };
+        // Further than the horizon it has nothing to follow.
+        let gone_on_ms = (now_ms.saturating_sub(since_ms) as f64).min(self.settings.horizon_ms);
+        let stream = &self.current().set_points;
+        let halt = halted(stream, shown_ms + gone_on_ms + self.settings.halt_lead_ms, &self.settings.model.driven_limits());
+        let first = stream.partition_point(|p| p.t_ms <= shown_ms).saturating_sub(1);
+        let before = stream[first..].iter().take_while(|p| halt.first().is_some_and(|slows| p.t_ms < slows.t_ms));
+        before.copied().chain(halt.iter().copied()).collect()
+    }
+
+    /// Sends the way to rest again while it may have been lost and can still be followed; gives up when the robot should long stand.
+    pub(super) fn go_on_halting(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
+        let Some(halt) = &self.halt else { return Vec::new() };
+        let waited_ms = now_ms.saturating_sub(halt.since_ms) as f64;
+        let longest_ms = halt.set_points.last().map_or(0.0, |p| p.t_ms) + self.settings.lag_ms;
+        if waited_ms > longest_ms {
+            return self.end_halt(now_ms);
+        }
+        if self.is_taken(halt.first_seq) || waited_ms >= self.settings.halt_lead_ms {
+            return self.kept_alive();
+        }
+        let set_points = halt.set_points.clone();
+        vec![ExecutionAction::Send(RobotCommand { set_points, ends_stream: true, ..self.command() })]
+    }
+
+    pub(super) fn end_halt(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
+        let reason = self.halt.as_ref().map(|halt| halt.reason.clone());
+        self.end(ExecutionOutcome::Stopped, reason, now_ms)
+    }
+}
+
 /// The set-points from `from_ms` of a stretch on that bring it to rest; the stretch itself where that ends sooner. Empty without set-points.
-pub fn halted(stretch: &[SetPoint], from_ms: f64, limits: &JointLimits) -> Vec<SetPoint> {
+fn halted(stretch: &[SetPoint], from_ms: f64, limits: &JointLimits) -> Vec<SetPoint> {
     let Some(end) = stretch.last() else { return Vec::new() };
     let rest = &stretch[stretch.partition_point(|p| p.t_ms < from_ms)..];
     let start = at(stretch, from_ms.min(end.t_ms));

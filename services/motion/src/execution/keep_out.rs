@@ -54,7 +54,7 @@ impl Zones<'_> {
                 Phase::Release => false,
                 _ => holds,
             };
-            // Fingers that close on something stop short of where they are sent, nobody can tell where: no further apart than they were.
+            // Fingers that close on something stop anywhere on the way to where they are sent: no further apart than they were.
             opening_m = phase.gripper.filter(|_| phase.name != Phase::Grasp).map_or(opening_m, |gripper| gripper.width_m);
             for (j, point) in phase.set_points.iter().enumerate() {
                 go_on()?;
@@ -91,7 +91,7 @@ impl Zones<'_> {
     }
 }
 
-/// Refuses a plan that carries something of a scene that nobody has: whether that keeps out of zones and clear of other robots cannot be told.
+/// Refuses a plan that carries an object where its scene is not known: without it the object cannot be checked against zones and other robots.
 ///
 /// # Errors
 /// `failed_precondition` on `scene_id`.
@@ -99,8 +99,8 @@ pub fn check_carried(plan: &MotionPlan, scene: Option<&Scene>) -> Result<(), Cal
     if scene.is_some() || plan.phases.iter().all(|phase| phase.name != Phase::Grasp) {
         return Ok(());
     }
-    let message = "neither motion nor perception has the plan's scene any more, so what it carries cannot be held against keep-out zones and \
-                   other robots: look again, and plan anew";
+    let message = "neither motion nor perception has the plan's scene any more, so what it carries cannot be checked against keep-out zones \
+                   and other robots: look again and plan anew";
     Err(CallError::precondition(message).at("scene_id"))
 }
 
@@ -113,7 +113,7 @@ fn held(scene: &Scene, plan: &MotionPlan) -> Vec<Point3<f64>> {
 /// How far a radian of each joint moves a place on the arm, or of what is held there, at most, metres: points in the frame of the tool centre
 /// point.
 fn longest_levers(object: &[Point3<f64>]) -> Joints {
-    // A lever asks how far a place is along the last axis, and from it: how the hand is turned about that is of no matter.
+    // A lever asks how far a place is along the last axis, and from it: how the hand is turned about that does not matter.
     let hand = gripper_spheres(&LinkFrame::BASE, FINGER_OPENING_MAX_M).map(|sphere| sphere.center.coords + Vector3::z() * FLANGE_M);
     let held = object.iter().map(|p| p.coords + Vector3::z() * (FLANGE_M + TCP_M));
     let on_last = hand.into_iter().chain(held).map(|place| (7, place));
@@ -134,7 +134,7 @@ fn way(a: &SetPoint, b: &SetPoint, longest: &Joints) -> Result<impl Iterator<Ite
     // What is no number is not within it.
     if let Some(rate) = rates.iter().find(|rate| !(0.0..=MOST_RAD).contains(*rate)) {
         let message = format!(
-            "a joint would go as far as {rate:.1} rad from the set-point before, at most {MOST_RAD} rad can be held against keep-out zones"
+            "a joint would go as far as {rate:.1} rad from the set-point before, at most {MOST_RAD} rad can be checked against keep-out zones"
         );
         return Err(CallError::invalid("set_points", message));
     }

@@ -24,7 +24,7 @@ pub use settings::ExecutionSettings;
 
 use checks::{apart, check_model, check_phases, check_start};
 use fingers::Fingers;
-use halt::halted;
+use halt::Halt;
 
 /// Who executes, and as which task.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,15 +81,6 @@ pub struct Execution {
     over: bool,
 }
 
-/// A cancelled stream on its way to rest.
-#[derive(Debug, Clone)]
-struct Halt {
-    reason: String,
-    set_points: Vec<SetPoint>,
-    first_seq: u64,
-    since_ms: u64,
-}
-
 /// What is waited for.
 #[derive(Debug, Clone, PartialEq)]
 enum Stage {
@@ -115,9 +106,9 @@ impl Execution {
     /// the robot's clock, that of the state.
     ///
     /// # Errors
-    /// `failed_precondition` when a stop is latched, the robot moves, has a task or something in its hand, is another model or has its base
-    /// elsewhere than motions are planned for, or stands elsewhere than where the plan starts, the scene is too old or was seen before the hand last took or put something,
-    /// or no epoch is left; `invalid_argument` when the plan has no phases, or its phases do not join.
+    /// `failed_precondition` when a stop is latched; when the robot moves, has a task or something in its hand, is another model, or has its base
+    /// elsewhere than motions are planned for or its joints elsewhere than the plan starts; when the scene is too old, or was seen before the hand last
+    /// took or put something; or when no epoch is left. `invalid_argument` when the plan has no phases, or its phases do not join.
     pub fn begin(
         plan: MotionPlan,
         task: ExecutionTask,
@@ -138,8 +129,8 @@ impl Execution {
     /// Begins phases from where the robot stands, whatever it has in its hand.
     ///
     /// # Errors
-    /// `failed_precondition` when a stop is latched, the robot moves, has a task, is another model or has its base elsewhere, or no epoch is left; `invalid_argument` when there are no
-    /// phases, or they do not join.
+    /// `failed_precondition` when a stop is latched, the robot moves, has a task, is another model or has its base elsewhere, or no epoch is left;
+    /// `invalid_argument` when there are no phases, or they do not join.
     pub fn from_here(
         phases: Vec<MotionPhase>,
         task: ExecutionTask,
@@ -205,12 +196,12 @@ impl Execution {
         }
         let shown_seq = state.last_command.filter(|_| state.owner.as_ref() == Some(&self.owner)).unwrap_or(0);
         if shown_seq < self.shown_seq {
-            // It would take what is said again for something new, wherever everything stands by now.
+            // It would take a repeated command for a new one, wherever the arm stands by now.
             return self.stopped("the robot's side has started anew, and knows nothing of this task".to_owned());
         }
         self.shown_seq = shown_seq;
         if let (Some(halt), Stage::Stream { .. }) = (&self.halt, &self.stage) {
-            let stands = state.mode == RobotMode::Idle && self.is_taken(halt.first_seq);
+            let stands = state.mode == RobotMode::Idle && self.is_taken(halt.first_seq());
             return if stands { self.end_halt(now_ms) } else { Vec::new() };
         }
         match &self.stage {
@@ -266,53 +257,13 @@ impl Execution {
                 self.cancelled.get_or_insert_with(|| reason.to_owned());
                 Vec::new()
             }
-            Stage::Stream { taken, .. } => {
-                let set_points = self.way_to_rest(taken, now_ms);
-                self.halt = Some(Halt { reason: reason.to_owned(), set_points, first_seq: self.seq + 1, since_ms: now_ms });
-                self.go_on_halting(now_ms)
-            }
+            Stage::Stream { taken, .. } => self.begin_halt(reason, taken, now_ms),
         }
     }
 
     /// Ends the execution where nothing can be sent any more: the robot comes to rest by its own rules, and latches.
     pub fn abandon(&mut self, reason: &str) -> Vec<ExecutionAction> {
         if self.over { Vec::new() } else { self.stopped(reason.to_owned()) }
-    }
-
-    /// The current stream from where the robot was last seen on it, slowed down from ahead of where it may be by now: it went on while its states
-    /// were late or lost. What lies between goes along, for not all of it may have come.
-    fn way_to_rest(&self, taken: Taken, now_ms: u64) -> Vec<SetPoint> {
-        let (shown_ms, since_ms) = match self.is_taken(taken.first_seq) {
-            true => (self.last_state.stream_ms.unwrap_or(0.0), self.last_state_ms),
-            false => (0.0, taken.sent_at_ms),
-        };
-        // Further than the horizon it has nothing to follow.
-        let gone_on_ms = (now_ms.saturating_sub(since_ms) as f64).min(self.settings.horizon_ms);
-        let stream = &self.current().set_points;
-        let halt = halted(stream, shown_ms + gone_on_ms + self.settings.halt_lead_ms, &self.settings.model.driven_limits());
-        let first = stream.partition_point(|p| p.t_ms <= shown_ms).saturating_sub(1);
-        let before = stream[first..].iter().take_while(|p| halt.first().is_some_and(|slows| p.t_ms < slows.t_ms));
-        before.copied().chain(halt.iter().copied()).collect()
-    }
-
-    /// Sends the way to rest again while it may have been lost and can still be followed; gives up when the robot should long stand.
-    fn go_on_halting(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
-        let Some(halt) = &self.halt else { return Vec::new() };
-        let waited_ms = now_ms.saturating_sub(halt.since_ms) as f64;
-        let longest_ms = halt.set_points.last().map_or(0.0, |p| p.t_ms) + self.settings.lag_ms;
-        if waited_ms > longest_ms {
-            return self.end_halt(now_ms);
-        }
-        if self.is_taken(halt.first_seq) || waited_ms >= self.settings.halt_lead_ms {
-            return self.kept_alive();
-        }
-        let set_points = halt.set_points.clone();
-        vec![ExecutionAction::Send(RobotCommand { set_points, ends_stream: true, ..self.command() })]
-    }
-
-    fn end_halt(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
-        let reason = self.halt.as_ref().map(|halt| halt.reason.clone());
-        self.end(ExecutionOutcome::Stopped, reason, now_ms)
     }
 
     /// A command that asks for nothing, where the robot's side waits for one.

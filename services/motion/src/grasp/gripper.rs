@@ -283,8 +283,8 @@ fn seen_from_tcp(points: &[Point3<f32>], world_from_tcp: &Isometry3<f64>) -> Vec
     points.iter().map(|p| turn * p + tcp_from_world.translation.vector).collect()
 }
 
-/// How far from the middle of what is between them wide open fingers come down, metres, so that the one that comes down unseen gets all the room that
-/// the other does not need: where there is less than that for both, each gets half of it.
+/// How far off the middle of what is between them wide open fingers come down, metres: so far that the finger on the unseen side has all the room that
+/// the other does not need, or, where there is too little for both, half of it.
 fn away_m(width_m: f64, settings: &GripperSettings) -> f64 {
     (0.5 * (FINGER_OPENING_MAX_M - width_m) - settings.clearance_seen_m).max(0.0)
 }

@@ -53,11 +53,11 @@ impl Default for EndSearchSettings {
     }
 }
 
-/// By how much the openings at which moving fingers are looked at differ, metres. Each finger goes half of that, no more than its spheres' radius, so
-/// that they leave out next to nothing of its way.
+/// Step between the openings at which moving fingers are checked, metres. Each finger goes half of it, no more than its spheres' radius, so that next
+/// to nothing of its way is left out.
 const OPENING_STEP_M: f64 = 0.024;
 
-/// The openings at which fingers are looked at that move from closed to open, both left out, metres.
+/// The openings between closed and open, without these two, at which moving fingers are checked, metres.
 pub fn openings_between(closed_m: f64, open_m: f64) -> impl Iterator<Item = f64> {
     let steps = ((open_m - closed_m) / OPENING_STEP_M).ceil().max(1.0);
     (1..steps as usize).map(move |k| closed_m + (open_m - closed_m) * k as f64 / steps)

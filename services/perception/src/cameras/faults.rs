@@ -1,5 +1,5 @@
-//! What is wrong with each camera's frames, so that the log says it as it begins and ends. A camera that is covered for a weekend, and looked through all
-//! the while, would else fill it with the same line several times a second.
+//! What is wrong with each camera's frames, so that the log says it as it begins and as it ends. A camera that is covered for a weekend, with somebody
+//! looking through it, would otherwise fill the log with the same line several times a second.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 /// A camera that shows nothing for so long pauses: streams have several frames a second.
 pub const PAUSE: Duration = Duration::from_secs(1);
-/// How long before a frame's turn the robots' states are listened to: the frame that is taken then came meanwhile, but for the last of a stream, after
-/// which the robots still tell where they stand.
+/// How long before a frame's turn the robots' states are listened to. The frame that is taken comes within that time, except the last of a stream: for
+/// that one later states serve, since the robots go on telling where they stand.
 const ROBOTS_LEAD: Duration = Duration::from_millis(500);
 
 /// When frames are due.
@@ -62,8 +62,8 @@ pub struct Shown<'a> {
 pub struct Pace {
     settings: PaceSettings,
     of_cameras: BTreeMap<String, Paced>,
-    /// Frames of all cameras so far. They are numbered together: a camera that was forgotten and shows something anew would else begin again at 1, and
-    /// a frame of before that is done later would stand for many that came since.
+    /// Frames of all cameras so far, which are numbered together. If a camera that was forgotten began at 1 again, an earlier frame of it that is done
+    /// late would pass for newer than frames that came since.
     frames: u64,
 }
 
@@ -172,7 +172,7 @@ impl Pace {
 
     fn camera(&mut self, camera: &str, now: Instant) -> &mut Paced {
         if !self.of_cameras.contains_key(camera) && self.of_cameras.len() >= self.settings.cameras.max(1) {
-            // Who asks for cameras that are another worker's, or nobody's, makes none of this one's forgotten.
+            // Questions about cameras that never showed anything here make no other camera forgotten.
             let silent =
                 self.of_cameras.iter().min_by_key(|(_, known)| (known.came_at.is_some(), known.touched)).map(|(name, _)| name.clone());
             silent.and_then(|name| self.of_cameras.remove(&name));

@@ -1,6 +1,6 @@
 //! What rises above the furniture.
 //!
-//! Every reading is held against the plane of the furniture under it, covered or not. Near that plane heights are averaged with their like
+//! Every reading is compared with the plane of the furniture under it, covered or not. Near that plane heights are averaged with their like
 //! around them, and what is left of the noise is measured on the furniture itself: a reading that rises by several times that is a seed,
 //! and what rises by a little less beside a seed belongs to it. So a thin book is found where the camera is near, and the noise of a
 //! far table is not.

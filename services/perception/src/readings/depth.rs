@@ -4,19 +4,13 @@
 //! without a reading holds NaN: every comparison with it is false, which is what "not known" should do in a test.
 
 use repose_geometry::{Image, Pinhole, Point3};
+use repose_proto::Frame;
 
 use crate::readings::point_map::{MISSING, PointMap, is_reading};
 
 /// Pixels further off the optical axis than this (a slope, 84°) hold no reading: no pinhole camera sees them, and extreme intrinsics
 /// would turn them into infinities.
 const MAX_SLOPE: f32 = 10.0;
-
-/// Whether a count is a distance. 0 is none, and neither is the greatest one: some cameras give it where they read nothing, the others where
-/// what they read was too far away to be counted.
-#[inline]
-pub fn is_distance(count: u16) -> bool {
-    (1..u16::MAX).contains(&count)
-}
 
 /// Depth along the optical axis, NaN where there is no reading.
 #[derive(Debug, Clone)]
@@ -29,7 +23,7 @@ pub struct DepthMap {
 }
 
 impl DepthMap {
-    /// From counts of `depth_unit_m`, row by row, `camera.width * camera.height` of them. Counts that are no distance and readings beyond
+    /// From counts of `depth_unit_m`, row by row, `camera.width * camera.height` of them. Counts that are no reading, and readings beyond
     /// `max_depth_m` are missing.
     pub fn new(counts: &[u16], depth_unit_m: f64, camera: &Pinhole, max_depth_m: f32) -> Self {
         let unit = depth_unit_m as f32;
@@ -44,7 +38,7 @@ impl DepthMap {
             }
             for ((z, &count), x) in out.iter_mut().zip(counts).zip(&slope_x) {
                 let reading = f32::from(count) * unit;
-                *z = if is_distance(count) && reading <= max_depth_m && x.abs() <= MAX_SLOPE { reading } else { f32::NAN };
+                *z = if Frame::is_reading(count) && reading <= max_depth_m && x.abs() <= MAX_SLOPE { reading } else { f32::NAN };
             }
         }
         Self { depth_m, slope_x, slope_y }
@@ -153,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn the_greatest_count_is_no_distance_however_fine_the_unit() {
+    fn the_greatest_count_is_no_reading_however_fine_the_unit() {
         // In a twentieth of a millimetre it would lie at 3.3 m.
         let depth = |count: u16| DepthMap::new(&[count; 15], 5e-5, &CAMERA, 4.0).readings();
         assert_eq!([depth(0), depth(1), depth(u16::MAX - 1), depth(u16::MAX)], [0, 15, 15, 0]);

@@ -35,7 +35,7 @@ pub fn remove(
     let mut filtered = FilteredRobots::default();
     let Some(world_from_camera) = world_from_camera else {
         if !robots.is_empty() {
-            let message = "without the camera's pose nobody can tell what shows of the robot from the rest of the picture";
+            let message = "without the camera's pose the robot cannot be taken out of the picture";
             filtered.warnings.push(SceneWarning { field: "world_from_camera".to_owned(), message: message.to_owned() });
         }
         return filtered;

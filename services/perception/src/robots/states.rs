@@ -5,17 +5,12 @@ use std::time::{Duration, Instant};
 
 use repose_proto::robot::RobotState;
 use repose_proto::{RigidTransform, RobotInView, SceneWarning};
+use repose_runtime::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 
 /// States of a robot are kept this far apart, nanoseconds: some tell a thousand a second, and a straight way between two is near enough.
 const APART_NS: u64 = 5_000_000;
 /// Most states of a robot that are kept, whatever their stamps are.
 const MAX_STATES: usize = 4096;
-/// Robots of a cell that are followed.
-const MAX_ROBOTS: usize = 16;
-/// A robot of which nothing was read for longer than this, while another's states were, is silent: states come twenty times a second or more often.
-const SILENT: Duration = Duration::from_secs(2);
-/// Bases within this are one robot's, under two names, metres: no two arms stand there.
-const SAME_BASE_M: f64 = 0.1;
 /// Two states this near to each other say that a robot stood there between them, radians and metres.
 const STILL_RAD: f64 = 0.01;
 const STILL_M: f64 = 0.002;
@@ -107,9 +102,8 @@ impl RobotStates {
             }
             let Some(nearest) = states.iter().min_by_key(|state| state.stamp_ns.abs_diff(stamp_ns)) else { continue };
             let Some(robot) = standing(name, nearest, nearest.q_rad, nearest.gripper_width_m) else {
-                let message = format!(
-                    "robot {name} does not say where its base stands (world_from_base): nobody can tell what shows of it from the rest of the picture"
-                );
+                let message =
+                    format!("robot {name} does not say where its base stands (world_from_base): it cannot be taken out of the picture");
                 warnings.push(SceneWarning { field: "robots".to_owned(), message });
                 continue;
             };

@@ -73,8 +73,8 @@ struct Tally {
 }
 
 impl Completeness {
-    /// Measured on masks before their borders are removed; `depth_m` holds NaN where there is no reading, and so does `covers_m`, where what was
-    /// taken out of the picture still may cover something.
+    /// Measured on masks before their borders are removed. `depth_m` and `covers_m` hold NaN where there is no reading; `covers_m` still has those of
+    /// robots, which cover what is behind them.
     pub fn measure(depth_m: &Image<f32>, covers_m: &Image<f32>, labels: &Image<u16>) -> Self {
         let most = labels.pixels().iter().copied().max().unwrap_or(0);
         let mut tallies = vec![Tally::default(); usize::from(most) + 1];

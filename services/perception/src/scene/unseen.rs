@@ -7,7 +7,6 @@
 use repose_geometry::{Image, Isometry3, Pinhole, Point3};
 use repose_proto::{Frame, UnseenSpace};
 
-use crate::readings::depth::is_distance;
 use crate::settings::UnseenSettings;
 use crate::supports::surfaces::SupportSurface;
 
@@ -24,7 +23,7 @@ pub fn sight_m(depth_m: &Image<f32>, stride: usize, frame: &Frame, max_depth_m: 
     let is_far = |u: usize, v: usize| {
         let count = frame.depth[v * width + u];
         let reading_m = f32::from(count) * unit_m;
-        is_distance(count) && reading_m > max_depth_m && reading_m <= FARTHEST_M
+        Frame::is_reading(count) && reading_m > max_depth_m && reading_m <= FARTHEST_M
     };
     let columns = depth_m.width();
     let mut sight_m = depth_m.clone();

@@ -99,8 +99,8 @@ impl<'a> Places<'a> {
         self.ended = self.ended.filter(|ended| *ended != PlacesEnd::Budget);
     }
 
-    /// Whether another table may be prepared after so many: as many as the searches that may be made now are worth, however many of those are known.
-    /// Time that has ended is noticed here too, and leaves one table, for a place that was found last.
+    /// Whether another table may be prepared after so many: as many as all searches that may be made are worth. Notices time that has ended, too, which
+    /// leaves one more table, for a place that was found last.
     ///
     /// # Errors
     /// `cancelled`.

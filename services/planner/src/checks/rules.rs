@@ -133,7 +133,7 @@ impl Rules {
     /// How far a candidate is from being over an anchor, metres; 0 where the middle of one is within the outline of the other, seen from above.
     ///
     /// The rule of `above` opens by 45°: what stands on a high box 20 cm beside the anchor is above it by the rule, and nobody would say so.
-    pub fn aside_m(&self, candidate: &CandidatePose, anchor: u16) -> f64 {
+    fn aside_m(&self, candidate: &CandidatePose, anchor: u16) -> f64 {
         let Some(RuleObject { shape: anchor, .. }) = self.anchors.get(&anchor) else { return f64::INFINITY };
         let (query, observed) = (&self.query.shape, self.query.shape.centroid.xy().cast::<f32>());
         let carried = candidate.carrying();
@@ -144,7 +144,7 @@ impl Rules {
         f64::from(of_anchor.chain(of_query).fold(f32::INFINITY, f32::min))
     }
 
-    /// How far a candidate is from being over the anchor of a term, metres; 0 where the term does not ask for that by `goal_by`.
+    /// How far a candidate is from being over the anchor of a term, metres; 0 where `goal_by` does not ask that of the term.
     pub fn off_anchor_m(&self, candidate: &CandidatePose, term: &GoalTerm, goal_by: GoalBy) -> f64 {
         let wants_over = term.holds && term.relation == Relation::Above && goal_by == GoalBy::RuleRankedByLearned;
         if wants_over { self.aside_m(candidate, term.anchor) } else { 0.0 }

@@ -161,16 +161,13 @@ impl<'a> Constraints<'a> {
 
 #[cfg(test)]
 mod tests {
-    use repose_geometry::ViewerFrame;
     use repose_proto::RigidTransform;
     use repose_proto::place::{PlaceRequest, ReachingRobot, Variant};
 
     use super::*;
-    use crate::checks::rules::Rules;
     use crate::scene::prepared::PreparedScene;
-    use crate::scene::query::QueryObject;
     use crate::settings::PlanSettings;
-    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, posed, standing_at};
 
     #[test]
     fn reach_is_asked_about_where_the_hand_lets_go_of_an_object_whose_foot_may_be_lower() {
@@ -186,19 +183,17 @@ mod tests {
             ..PlaceRequest::new(prepared.scene_id.clone(), 2, vec!["right_of:1".parse().unwrap()])
         };
         let settings = PlanSettings::of(&request);
-        let query = QueryObject::new(&prepared, 2, 0.0, &settings.fixed).unwrap();
-        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
-        let problem =
-            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
-        let constraints = Constraints::new(problem);
         let reach = Reach::new(&settings.world_from_base.unwrap(), &settings.fixed.reach);
         let mut differ = 0;
-        for k in 0..174 {
-            let judged = standing_at(&query, -0.1 + 0.003 * k as f32, 0.0, settings.fixed.support.release_m);
-            let [where_judged, where_let_go] = [judged, problem.let_go(&judged)].map(|pose| reach.miss(&query, &pose).is_some());
-            assert_eq!(constraints.tried(judged, 0).rejection == Some(Rejection::OutOfReach), where_let_go, "{judged:?}");
-            differ += usize::from(where_judged != where_let_go);
-        }
+        posed(&prepared, &request, &settings, |problem| {
+            let (constraints, query) = (Constraints::new(problem), problem.query);
+            for k in 0..174 {
+                let judged = standing_at(query, -0.1 + 0.003 * k as f32, 0.0, settings.fixed.support.release_m);
+                let [where_judged, where_let_go] = [judged, problem.let_go(&judged)].map(|pose| reach.miss(query, &pose).is_some());
+                assert_eq!(constraints.tried(judged, 0).rejection == Some(Rejection::OutOfReach), where_let_go, "{judged:?}");
+                differ += usize::from(where_judged != where_let_go);
+            }
+        });
         assert!(differ > 0, "nowhere is it decisive how high the object is let go");
     }
 }

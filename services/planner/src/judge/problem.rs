@@ -94,8 +94,8 @@ impl<'a> PlacementProblem<'a> {
         self.turned.map_or_else(|| let_go.centroid(), carried)
     }
 
-    /// Where the centroid of what was observed of the object is from the centroid that candidates are given by, before a turn, seen from above,
-    /// metres: elsewhere only where the object was turned over.
+    /// From the centroid that candidates are given by to that of the object's observed points, before a turn, seen from above, metres: zero unless the
+    /// object was turned over.
     pub fn observed_offset(&self) -> Vector2<f32> {
         let apart = |turned: &Turned<'_>| (turned.observed_centroid - self.query.shape.centroid).xy().cast::<f32>();
         self.turned.map_or_else(Vector2::zeros, apart)
@@ -109,11 +109,10 @@ impl<'a> PlacementProblem<'a> {
 
 #[cfg(test)]
 mod tests {
-    use repose_geometry::ViewerFrame;
     use repose_proto::place::Variant;
 
     use super::*;
-    use crate::tests::synthetic::{Prepared, SceneBuilder};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, posed};
 
     #[test]
     fn what_is_to_be_centered_is_so_by_the_rule_though_its_mass_is_to_one_side() {
@@ -122,15 +121,13 @@ mod tests {
         shapes.get_mut(&2).unwrap().axis.x += 0.01;
         let prepared = PreparedScene::with_shapes(seen.scene.clone(), shapes);
         let goal = vec!["centered:1".parse().unwrap()];
-        let request = PlaceRequest { variant: Variant::Geometric, ..PlaceRequest::new(prepared.scene_id.clone(), 2, goal) };
-        let settings = PlanSettings::of(&request);
-        let query = prepared.query(2, 0.0, &settings.fixed).unwrap();
-        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.3), &settings.fixed.rules).unwrap();
-        let problem =
-            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
-        for yaw_rad in [0.0, 0.7] {
-            let checks = rules.checks(&problem.settled(&CandidatePose { centroid_m: [0.2, 0.1, 0.1], yaw_rad }, 0.2));
-            assert!(checks[0].holds, "turned by {yaw_rad}: {checks:?}");
-        }
+        let wanted = PlaceRequest { variant: Variant::Geometric, ..PlaceRequest::new(prepared.scene_id.clone(), 2, goal) };
+        let request = PlaceRequest { view_yaw_rad: Some(0.3), ..wanted };
+        posed(&prepared, &request, &PlanSettings::of(&request), |problem| {
+            for yaw_rad in [0.0, 0.7] {
+                let checks = problem.rules.checks(&problem.settled(&CandidatePose { centroid_m: [0.2, 0.1, 0.1], yaw_rad }, 0.2));
+                assert!(checks[0].holds, "turned by {yaw_rad}: {checks:?}");
+            }
+        });
     }
 }

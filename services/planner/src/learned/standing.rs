@@ -5,6 +5,8 @@
 //! without moving that. Both are properties of the scene, not of a place: no search finds a way around them. They are fitted on objects of
 //! training scenes that were set down alone, as they lay and on other sides, and taken away, in simulation (`repose train --network standing`).
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 use repose_belief::columns::cells_of;
 use repose_belief::outlines::separating_gap_m;
@@ -139,6 +141,17 @@ impl StanceMeasures {
     /// Of the object, which was turned over in this way, in the order of [`names`].
     pub fn own(&self, turned: Option<&Turned<'_>>) -> Vec<f32> {
         with_turn(self.of_object.clone(), turned)
+    }
+}
+
+/// The object whose stance was measured.
+#[derive(Debug, PartialEq)]
+struct StanceKey(u16);
+
+impl PreparedScene {
+    /// [`StanceMeasures::of`], made once.
+    pub fn stance_measures(&self, id: u16) -> Option<Arc<StanceMeasures>> {
+        self.kept.of(self.belief.objects.len(), StanceKey(id), || StanceMeasures::of(self, id).ok_or(())).ok()
     }
 }
 
@@ -360,6 +373,13 @@ mod tests {
         is(beside("pair_bottom_over_top"), 0.0, 0.008);
         assert!(beside("pair_on_top") > 0.8 && beside("pair_over") > 0.03);
         is(beside("pair_bottoms"), 0.03, 0.008);
+    }
+
+    #[test]
+    fn a_stance_is_measured_once() {
+        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).prepared();
+        assert!(Arc::ptr_eq(&scene.stance_measures(1).unwrap(), &scene.stance_measures(1).unwrap()));
+        assert!(scene.stance_measures(9).is_none(), "no such object");
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub struct PreparedScene {
     fault: Option<CallError>,
     min_points: usize,
     /// What earlier requests prepared.
-    pub(super) kept: Arc<Kept>,
+    pub(crate) kept: Arc<Kept>,
 }
 
 impl PreparedScene {

@@ -6,7 +6,6 @@ use std::sync::Arc;
 use repose_belief::view::OutlineEnds;
 use repose_proto::CallError;
 
-use crate::learned::standing::StanceMeasures;
 use crate::scene::point_grid::PointGrid;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
@@ -23,10 +22,6 @@ struct QueryKey {
     min_clearance_m: f64,
     fixed: Fixed,
 }
-
-/// The object whose stance was measured.
-#[derive(Debug, PartialEq)]
-struct StanceKey(u16);
 
 /// The object whose place was read.
 #[derive(Debug, PartialEq)]
@@ -67,11 +62,6 @@ impl PreparedScene {
         let traits = self.kept.of(self.belief.objects.len(), TraitsKey(id), || StandingTraits::of(self, id).ok_or(()));
         traits.ok().map(|traits| *traits)
     }
-
-    /// [`StanceMeasures::of`], made once.
-    pub fn stance_measures(&self, id: u16) -> Option<Arc<StanceMeasures>> {
-        self.kept.of(self.belief.objects.len(), StanceKey(id), || StanceMeasures::of(self, id).ok_or(())).ok()
-    }
 }
 
 #[cfg(test)]
@@ -92,8 +82,6 @@ mod tests {
         assert!(query(2, 0.0, &other).prisms[0].sparse.len() > first.prisms[0].sparse.len(), "other settings");
         (0..KEPT).for_each(|i| drop(query(1, 0.001 * i as f64, &fixed)));
         assert!(!Arc::ptr_eq(&first, &query(2, 0.0, &fixed)), "given up for newer ones");
-        assert!(scene.query(9, 0.0, &fixed).is_err() && scene.stance_measures(9).is_none());
-        let stance = scene.stance_measures(1).unwrap();
-        assert!(Arc::ptr_eq(&stance, &scene.stance_measures(1).unwrap()));
+        assert!(scene.query(9, 0.0, &fixed).is_err());
     }
 }

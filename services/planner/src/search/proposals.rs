@@ -142,8 +142,8 @@ impl Proposer<'_> {
         }
     }
 
-    /// Anywhere in an asked region, or else on an observed surface: a place, and what goes there, as an offset from the query's centroid: what the
-    /// region is asked about, or else the axis.
+    /// A place anywhere in an asked region, or else on an observed surface, and which point of the object goes there, as an offset from the query's
+    /// centroid: the observed centroid in a region, its axis elsewhere.
     fn anywhere(&self, rng: &mut Pcg64) -> (Point2<f32>, Vector2<f32>) {
         let asked: Vec<&RegionBox> = self.region.iter().filter(|r| r.inside).collect();
         if !asked.is_empty() {
@@ -159,8 +159,8 @@ impl Proposer<'_> {
         (Point2::from([0, 1].map(|k| between(f64::from(min[k]), f64::from(max[k]), rng) as f32)), axis_offset)
     }
 
-    /// The stretch of a region along world x or y that lies in and around what was seen of surfaces, or where none does, as far as scenes reach: a
-    /// region may go on to any side as far as numbers do.
+    /// The stretch of a region along world x or y that is within reach of the surfaces that were seen, or, where none of it is, within the coordinates
+    /// that scenes may have: a region may be unbounded.
     fn stretch_m(&self, region: &RegionBox, k: usize) -> [f64; 2] {
         let outlines = self.prepared.belief.planes.iter().map(|plane| plane.outline.bounds());
         let (low_m, high_m) =

@@ -9,21 +9,19 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use repose_belief::boosted_trees::{BoostedTrees, Branch, DecisionTree, TreeSplit};
-use repose_geometry::{ViewerFrame, cloud, transform};
+use repose_geometry::{cloud, transform};
 use repose_proto::place::{PlaceRequest, PlaceResult, Variant};
 use repose_proto::scoring::{MixtureComponent, PriorReply, PriorRequest, ScoreReply, ScoreRequest};
 use repose_proto::{CallError, ErrorCode, RELATION_COUNT, Relation, Scene};
 
-use crate::checks::rules::Rules;
 use crate::judge::Judge;
-use crate::judge::problem::PlacementProblem;
 use crate::learned::forecast::{Forecast, ForecastFitData, Forecasts};
 use crate::learned::models::PlacementModels;
 use crate::plan::plan;
 use crate::scene::prepared::PreparedScene;
 use crate::settings::PlanSettings;
 use crate::tests::forecasts;
-use crate::tests::synthetic::{Prepared, SceneBuilder};
+use crate::tests::synthetic::{Prepared, SceneBuilder, posed};
 
 /// A fake whose prior has components at given offsets, whose realism falls with the distance from the nearest of some heights, and
 /// whose only relation is `right_of`: likely where x exceeds the anchor's.
@@ -137,11 +135,7 @@ pub(crate) fn judging<T>(request: &PlaceRequest, settings: &PlanSettings, work: 
 
 /// The same with networks of one's own.
 pub(crate) fn judging_with<T>(fake: &Fake, request: &PlaceRequest, settings: &PlanSettings, work: impl FnOnce(&mut Judge<'_>) -> T) -> T {
-    let prepared = scene();
-    let query = prepared.query(request.query, 0.0, &settings.fixed).unwrap();
-    let rules = Rules::new(&prepared, request.query, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
-    let problem = PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request, settings };
-    work(&mut Judge::new(problem, fake))
+    posed(&scene(), request, settings, |problem| work(&mut Judge::new(problem, fake)))
 }
 
 pub(crate) fn request(prepared: &PreparedScene, variant: Variant, goal: &[&str]) -> PlaceRequest {

@@ -2,24 +2,21 @@
 
 use std::ops::ControlFlow;
 
-use repose_geometry::{ViewerFrame, transform};
+use repose_geometry::transform;
 use repose_proto::place::{
     Outcome, PlaceRequest, PlaceResult, ReachingRobot, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant,
 };
 use repose_proto::{ErrorCode, GoalTerm, RigidTransform};
 
 use crate::checks::clearance::Clearance;
-use crate::checks::rules::Rules;
 use crate::judge::constraints::Constraints;
-use crate::judge::problem::PlacementProblem;
 use crate::learned::models::NoModels;
 use crate::plan::{SearchStep, plan};
 use crate::scene::moved::table_after;
 use crate::scene::prepared::PreparedScene;
-use crate::scene::query::QueryObject;
 use crate::search::stop::StopReason;
 use crate::settings::PlanSettings;
-use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
+use crate::tests::synthetic::{Prepared, SceneBuilder, posed, standing_at};
 
 /// A table with a box in the middle (1) and a small box in front on the left (2).
 fn table() -> SceneBuilder {
@@ -325,16 +322,15 @@ fn places_are_too_near_where_their_clearance_is_less_than_was_asked_and_nowhere_
     for wanted_m in [0.01, 0.03, 0.052] {
         let request = PlaceRequest { min_clearance_m: Some(wanted_m), ..request(&prepared, 2, &["right_of:1"]) };
         let settings = PlanSettings::of(&request);
-        let query = QueryObject::new(&prepared, 2, wanted_m, &settings.fixed).unwrap();
-        let rules = Rules::new(&prepared, 2, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
-        let problem =
-            PlacementProblem { prepared: &prepared, turned: None, query: &query, rules: &rules, request: &request, settings: &settings };
-        let (constraints, clearance) = (Constraints::new(problem), Clearance::new(&prepared, &query, &settings.fixed, Vec::new()));
-        for k in 0..80 {
-            let candidate = standing_at(&query, 0.1 + 0.001 * k as f32, 0.0, settings.fixed.support.release_m);
-            let (clear_m, rejection) = (clearance.of(&candidate).unwrap(), constraints.tried(candidate, 0).rejection);
-            assert_eq!(rejection == Some(Rejection::Clearance), clear_m < wanted_m, "{clear_m} m, {wanted_m} asked: {rejection:?}");
-        }
+        posed(&prepared, &request, &settings, |problem| {
+            let query = problem.query;
+            let (constraints, clearance) = (Constraints::new(problem), Clearance::new(&prepared, query, &settings.fixed, Vec::new()));
+            for k in 0..80 {
+                let candidate = standing_at(query, 0.1 + 0.001 * k as f32, 0.0, settings.fixed.support.release_m);
+                let (clear_m, rejection) = (clearance.of(&candidate).unwrap(), constraints.tried(candidate, 0).rejection);
+                assert_eq!(rejection == Some(Rejection::Clearance), clear_m < wanted_m, "{clear_m} m, {wanted_m} asked: {rejection:?}");
+            }
+        });
     }
 }
 
@@ -346,20 +342,12 @@ fn a_larger_clearance_is_never_easier_to_keep() {
         let kept = |min_clearance_m: f64| -> Vec<bool> {
             let request = PlaceRequest { min_clearance_m: Some(min_clearance_m), ..request(&prepared, 2, goal) };
             let settings = PlanSettings::of(&request);
-            let query = QueryObject::new(&prepared, 2, min_clearance_m, &settings.fixed).unwrap();
-            let rules = Rules::new(&prepared, query.id, &request.goal, &ViewerFrame::from_yaw(0.0), &settings.fixed.rules).unwrap();
-            let problem = PlacementProblem {
-                prepared: &prepared,
-                turned: None,
-                query: &query,
-                rules: &rules,
-                request: &request,
-                settings: &settings,
-            };
-            let constraints = Constraints::new(problem);
-            let places = (0..400).map(|i| standing_at(&query, -0.38 + 0.04 * (i % 20) as f32, -0.38 + 0.04 * (i / 20) as f32, 0.004));
-            let in_way = |r: Option<Rejection>| matches!(r, Some(Rejection::Clearance | Rejection::Collision));
-            places.map(|c| !in_way(constraints.tried(c, 0).rejection)).collect()
+            posed(&prepared, &request, &settings, |problem| {
+                let constraints = Constraints::new(problem);
+                let place = |i: i32| standing_at(problem.query, -0.38 + 0.04 * (i % 20) as f32, -0.38 + 0.04 * (i / 20) as f32, 0.004);
+                let in_way = |r: Option<Rejection>| matches!(r, Some(Rejection::Clearance | Rejection::Collision));
+                (0..400).map(|i| !in_way(constraints.tried(place(i), 0).rejection)).collect()
+            })
         };
         let clearances = [0.0, 0.01, 0.05, 0.1, 0.115, 0.125, 0.14, 0.2, 0.3];
         let all: Vec<Vec<bool>> = clearances.iter().map(|c| kept(*c)).collect();

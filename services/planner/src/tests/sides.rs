@@ -4,10 +4,9 @@ use std::ops::ControlFlow;
 
 use nalgebra::{Translation3, Vector2};
 use repose_belief::settings::SideSettings;
-use repose_geometry::{ViewerFrame, transform};
+use repose_geometry::transform;
 use repose_proto::place::{Outcome, PlaceRequest, Placement, RegionBox, Rejection, Rotation, ShortfallReason, Variant};
 
-use crate::checks::rules::Rules;
 use crate::judge::constraints::Constraints;
 use crate::judge::problem::PlacementProblem;
 use crate::learned::{standing, success};
@@ -17,7 +16,7 @@ use crate::scene::turned::{turned_over, turns};
 use crate::settings::PlanSettings;
 use crate::tests::fake::{self, BESIDE, Fake, always, scene, stepped};
 use crate::tests::plan::{request, run};
-use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
+use crate::tests::synthetic::{Prepared, SceneBuilder, posed, standing_at};
 
 #[test]
 fn an_object_that_may_be_set_on_another_side_stands_on_the_table_by_one_of_its_faces() {
@@ -115,11 +114,10 @@ fn a_region_is_asked_about_the_centroid_of_what_was_seen_where_an_answer_lets_go
         let rejection = |[x, y, z]: [f64; 3]| {
             let around = RegionBox { min_m: [x, y, z].map(|v| v - 0.001), max_m: [x, y, z].map(|v| v + 0.001), inside: true };
             let wanted = PlaceRequest { region: vec![around], ..request(&table.prepared, 2, &["right_of:1"]) };
-            let viewer = ViewerFrame::from_yaw(0.0);
-            let rules = Rules::new(&table.prepared, 2, &wanted.goal, &viewer, &settings.fixed.rules).unwrap();
-            let (prepared, turned) = (&table.prepared, Some(&table.turned));
-            let problem = PlacementProblem { prepared, turned, query: &query, rules: &rules, request: &wanted, settings: &settings };
-            Constraints::new(problem).tried(candidate, 0).rejection
+            posed(&table.prepared, &wanted, &settings, |as_it_lies| {
+                let problem = PlacementProblem { turned: Some(&table.turned), ..as_it_lies };
+                Constraints::new(problem).tried(candidate, 0).rejection
+            })
         };
         assert_ne!(rejection(placed.into()), Some(Rejection::Region));
         assert_eq!(rejection(candidate.centroid().into()), Some(Rejection::Region), "the middle of its whole surface, where it is judged");

@@ -2,9 +2,15 @@
 
 use std::sync::Arc;
 
+use repose_geometry::ViewerFrame;
+use repose_proto::place::PlaceRequest;
+
+use crate::checks::rules::Rules;
+use crate::judge::problem::PlacementProblem;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
+use crate::settings::PlanSettings;
 
 pub use repose_made_scenes::SceneBuilder;
 
@@ -24,4 +30,17 @@ impl Prepared for SceneBuilder {
 pub fn standing_at(query: &QueryObject, x: f32, y: f32, bottom_m: f32) -> CandidatePose {
     let offset = query.shape.axis_offset();
     CandidatePose { centroid_m: [x - offset.x, y - offset.y, bottom_m + query.shape.centroid_height_m()], yaw_rad: 0.0 }
+}
+
+/// Has work done on the problem that a request poses on a scene, with the object as it lies.
+pub fn posed<T>(
+    prepared: &PreparedScene,
+    request: &PlaceRequest,
+    settings: &PlanSettings,
+    work: impl FnOnce(PlacementProblem<'_>) -> T,
+) -> T {
+    let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
+    let query = prepared.query(request.query, settings.min_clearance_m, &settings.fixed).unwrap();
+    let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules).unwrap();
+    work(PlacementProblem { prepared, turned: None, query: &query, rules: &rules, request, settings })
 }

@@ -287,5 +287,5 @@ def _execution(answer: Answer) -> Execution:
 
 
 def _left_s(deadline_s: float, ends: float) -> float:
-    """Return what is left of a deadline, seconds. One that is no time from now is for the call to refuse."""
+    """Return what is left of a deadline, seconds; one that is not positive is left for the call to refuse."""
     return max(ends - time.monotonic(), 0.001) if deadline_s > 0 else deadline_s

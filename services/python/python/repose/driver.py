@@ -11,7 +11,7 @@ Subclass `Robot` (read joints, send joints, move the gripper) or `Camera` (take 
     repose.driver.run(MyRobot(), endpoint="tcp/127.0.0.1:7447")
 
 The rules of the contract are kept here, by the code that the simulated robot runs on: who commands (one owner at a time, by epochs),
-commands that come twice, late or in disorder, set-points interpolated at 1 kHz and held against the arm's limits, stops that latch and
+commands that come twice, late or in disorder, set-points interpolated at 1 kHz and checked against the arm's limits, stops that latch and
 brake within the limits, an execution whose commander falls silent. A driver that has a loop of its own, such as a physics simulation,
 calls `RobotDriver.step` from there instead.
 

@@ -34,7 +34,7 @@ pub enum RvlError {
     },
 }
 
-/// The counts of a picture of so many pixels; what follows the last of them is of no matter.
+/// The counts of a picture of so many pixels; what follows the last of them does not matter.
 ///
 /// # Errors
 /// [`RvlError`] for what no encoder writes.

@@ -16,7 +16,7 @@ use tokio::sync::mpsc;
 use tokio::time::{Interval, MissedTickBehavior};
 
 use super::goal::goal_of;
-use super::side::{Do, RosSide, Told};
+use super::side::{Do, HandTold, RosSide, Told};
 use super::unended::BEFORE;
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
@@ -42,15 +42,15 @@ struct Controllers {
     arm: Arc<ArmClient>,
     hand: Option<Arc<HandClient>>,
     patience: Duration,
-    told: mpsc::Sender<Told>,
+    told: mpsc::Sender<Answer>,
     /// What the ids of this process's goals have in common.
     run: [u8; 8],
     arm_unanswered: Unanswered,
     hand_unanswered: Unanswered,
 }
 
-/// The newest goal of a controller of which it was said that its cancel is not answered: said once of a goal, for it is canceled four times a second for
-/// as long as its controller is away, as over a weekend. Of goals of before this start, whose controller may not be there yet, the reports tell.
+/// The newest goal of a controller whose unanswered cancel was logged. Each goal's is logged once: the cancel is sent four times a second for as long as
+/// the controller is away, which may be a weekend. For goals from before this start, whose controller may not be there yet, the reports say it.
 #[derive(Clone, Default)]
 struct Unanswered(Arc<AtomicU64>);
 
@@ -67,12 +67,18 @@ impl Unanswered {
     }
 }
 
+/// What a controller tells.
+enum Answer {
+    Arm(Told),
+    Hand(HandTold),
+}
+
 /// What a robot is told on both networks.
 struct Heeded {
     stops: Subscription,
     commands: Subscription,
     joints: RosSubscription<JointState>,
-    told: mpsc::Receiver<Told>,
+    told: mpsc::Receiver<Answer>,
     arm: Arc<ArmClient>,
     hand: Option<Arc<HandClient>>,
     steps: Interval,
@@ -84,7 +90,7 @@ struct Heeded {
 /// What has come, or that it is time for a step.
 enum Event {
     Stop(Sample),
-    Told(Told),
+    Told(Answer),
     Joints(Result<JointState, BridgeError>),
     Command(Sample),
     Feedback,
@@ -122,9 +128,10 @@ pub async fn run(
     let (mut next_state, mut shown, mut feedback) = (Instant::now(), None::<(RobotMode, Option<String>)>, 0u64);
     while let Some(event) = heeded.next().await {
         match event {
-            // Whatever comes here stops the arm: its form is of no matter.
+            // Whatever comes here stops the arm: its form does not matter.
             Event::Stop(sample) => side.emergency_stop(&EmergencyStop::read(&sample.payload.bytes)),
-            Event::Told(told) => side.told(told, now_ms()),
+            Event::Told(Answer::Arm(told)) => side.told(told, now_ms()),
+            Event::Told(Answer::Hand(told)) => side.told_by_hand(told, now_ms()),
             Event::Joints(Ok(state)) => side.joints(&state, now_ms()),
             Event::Joints(Err(error)) => reports.warn(&robot.name, "joints", &format!("{}: {error}", robot.joint_states)),
             // What would clear the stop, or begin something new, comes too late.
@@ -139,7 +146,7 @@ pub async fn run(
             }
             Event::Feedback => feedback += 1,
             Event::Stalled(goal) => {
-                controllers.number(goal).into_iter().for_each(|number| side.told(Told::Stalled(number), now_ms()));
+                controllers.number(goal).into_iter().for_each(|number| side.told_by_hand(HandTold::Stalled(number), now_ms()));
             }
             Event::Step => {}
             Event::End => side.end(),
@@ -195,7 +202,7 @@ impl Heeded {
         node: &Node,
         robot: &RobotConfig,
         controllers: &Controllers,
-        told: mpsc::Receiver<Told>,
+        told: mpsc::Receiver<Answer>,
         ending: &Shutdown,
     ) -> Result<Self, BridgeError> {
         let cell = session.cell();
@@ -262,7 +269,7 @@ async fn stalled(hand: Option<&HandClient>) -> GoalHandle {
 }
 
 impl Controllers {
-    async fn of(node: &Node, robot: &RobotConfig) -> Result<(Self, mpsc::Receiver<Told>), BridgeError> {
+    async fn of(node: &Node, robot: &RobotConfig) -> Result<(Self, mpsc::Receiver<Answer>), BridgeError> {
         let (told, receiver) = mpsc::channel(WAITING);
         let arm = Arc::new(ActionClient::new(node, &robot.trajectory_action, ActionTypes::FOLLOW_JOINT_TRAJECTORY).await?);
         let hand = match &robot.gripper_action {
@@ -308,8 +315,8 @@ impl Controllers {
                 tokio::spawn(async move {
                     // It is canceled again until its end is told, or the controller says that there is nothing to cancel.
                     match arm.cancel(id, patience).await {
-                        Ok(Canceled::NotThere) => drop(told.send(Told::NotThere(number)).await),
-                        Ok(Canceled::Ending) => drop(told.send(Told::Ending(number)).await),
+                        Ok(Canceled::NotThere) => drop(told.send(Answer::Arm(Told::NotThere(number))).await),
+                        Ok(Canceled::Ending) => drop(told.send(Answer::Arm(Told::Ending(number))).await),
                         Ok(answer) => tracing::debug!(action = arm.name(), number, ?answer, "a goal was canceled"),
                         Err(error) => unanswered.note(arm.name(), number, &error),
                     }
@@ -321,7 +328,7 @@ impl Controllers {
                 tokio::spawn(async move {
                     // It is canceled again until its end is told, or, where that was not heard of, the controller says that there is nothing to cancel.
                     match hand.cancel(id, patience).await {
-                        Ok(Canceled::NotThere) => drop(told.send(Told::GripNotThere(number)).await),
+                        Ok(Canceled::NotThere) => drop(told.send(Answer::Hand(HandTold::NotThere(number))).await),
                         Ok(answer) => tracing::debug!(action = hand.name(), number, ?answer, "a goal was canceled"),
                         Err(error) => unanswered.note(hand.name(), number, &error),
                     }
@@ -332,7 +339,7 @@ impl Controllers {
                 let id = self.id(number);
                 tokio::spawn(async move {
                     let goal = GripperCommandGoal { position, max_effort };
-                    drop(told.send(grip(&hand, (number, id), goal, patience).await).await);
+                    drop(told.send(Answer::Hand(grip(&hand, (number, id), goal, patience).await)).await);
                 });
             }
         }
@@ -345,7 +352,7 @@ async fn follow(
     (number, id): (u64, GoalHandle),
     goal: FollowJointTrajectoryGoal,
     (patience, longest): (Duration, Duration),
-    told: &mpsc::Sender<Told>,
+    told: &mpsc::Sender<Answer>,
 ) {
     let answer = match arm.send(id, goal, patience).await {
         Ok(true) => Told::Accepted(number),
@@ -353,26 +360,26 @@ async fn follow(
         Err(error) => Told::Unanswered(number, error.to_string()),
     };
     let accepted = matches!(answer, Told::Accepted(_));
-    drop(told.send(answer).await);
+    drop(told.send(Answer::Arm(answer)).await);
     if accepted {
         let ended = match arm.result(id, longest).await {
             Ok(response) => Told::Ended(number, response.status, response.result),
             Err(error) => Told::Lost(number, error.to_string()),
         };
-        drop(told.send(ended).await);
+        drop(told.send(Answer::Arm(ended)).await);
     }
 }
 
 /// Sends the hand's goal and waits for its result; what came of it.
-async fn grip(hand: &HandClient, (number, id): (u64, GoalHandle), goal: GripperCommandGoal, patience: Duration) -> Told {
+async fn grip(hand: &HandClient, (number, id): (u64, GoalHandle), goal: GripperCommandGoal, patience: Duration) -> HandTold {
     match hand.send(id, goal, patience).await {
         Ok(true) => {}
-        Ok(false) => return Told::NotGripped(number, format!("{} refused the goal", hand.name())),
-        Err(error) => return Told::GripLost(number, error.to_string()),
+        Ok(false) => return HandTold::Refused(number, format!("{} refused the goal", hand.name())),
+        Err(error) => return HandTold::Lost(number, error.to_string()),
     }
     match hand.result(id, RESULT_MARGIN).await {
-        Ok(response) => Told::Gripped(number, response.status, response.result),
-        Err(error) => Told::GripLost(number, error.to_string()),
+        Ok(response) => HandTold::Ended(number, response.status, response.result),
+        Err(error) => HandTold::Lost(number, error.to_string()),
     }
 }
 

@@ -46,10 +46,10 @@ pub enum Do {
     CancelGrip(u64),
 }
 
-/// The controllers' answers, by the number of the goal.
+/// What the arm's controller says of a goal, by its number.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Told {
-    /// The arm's controller accepts.
+    /// It accepts.
     Accepted(u64),
     /// It refuses: why.
     Refused(u64, String),
@@ -63,16 +63,21 @@ pub enum Told {
     Ending(u64),
     /// It answers to a cancel that it carries out no such goal.
     NotThere(u64),
-    /// The hand's controller has ended its goal: a state of goals, and the result.
-    Gripped(u64, i8, GripperCommandResult),
-    /// It has not taken it: why.
-    NotGripped(u64, String),
-    /// It does not answer, and may have taken it, or its end was not heard of: why.
-    GripLost(u64, String),
-    /// It answers to a cancel that it carries out no such goal.
-    GripNotThere(u64),
-    /// It says on the way that something stalls the fingers.
+}
+
+/// What the hand's controller says of a goal, by its number.
+#[derive(Debug, Clone, PartialEq)]
+pub enum HandTold {
+    /// It refuses: why.
+    Refused(u64, String),
+    /// Something stalls the fingers on their way.
     Stalled(u64),
+    /// It has ended the goal: a state of goals, and the result.
+    Ended(u64, i8, GripperCommandResult),
+    /// It does not answer, and may have taken the goal, or its end was not heard of: why.
+    Lost(u64, String),
+    /// It answers to a cancel that it carries out no such goal.
+    NotThere(u64),
 }
 
 /// One robot.
@@ -268,23 +273,15 @@ impl RosSide {
         Some(Do::Follow(self.goals, trajectory(&self.config.joints, &self.stream, from_ms)))
     }
 
-    /// Takes an answer of a controller.
+    /// Takes an answer of the arm's controller.
     pub fn told(&mut self, told: Told, now_ms: u64) {
-        if self.told_of_hand(&told, now_ms) {
-            return;
-        }
         let (Told::Accepted(number)
         | Told::Refused(number, _)
         | Told::Unanswered(number, _)
         | Told::Ended(number, ..)
         | Told::Lost(number, _)
         | Told::Ending(number)
-        | Told::NotThere(number)
-        | Told::Gripped(number, ..)
-        | Told::NotGripped(number, _)
-        | Told::GripLost(number, _)
-        | Told::GripNotThere(number)
-        | Told::Stalled(number)) = &told;
+        | Told::NotThere(number)) = &told;
         match &told {
             Told::Accepted(_) => self.unended.accepted(*number),
             Told::Ended(_, status::SUCCEEDED, _) => self.unended.arrived(*number),
@@ -292,7 +289,6 @@ impl RosSide {
             Told::Ending(_) => self.unended.ending(*number, now_ms),
             Told::NotThere(_) => self.unended.not_there(*number, now_ms, self.config.controller_timeout_ms),
             Told::Unanswered(..) | Told::Lost(..) => {}
-            Told::Gripped(..) | Told::NotGripped(..) | Told::GripLost(..) | Told::GripNotThere(_) | Told::Stalled(_) => {}
         }
         // Of a goal whose place another has taken, or that is being canceled, nothing else is to be learnt.
         let Some(goal) = self.goal.filter(|goal| goal.number == *number) else { return };
@@ -309,7 +305,6 @@ impl RosSide {
                 self.owed_s = 0.0;
             }
             Told::Accepted(_) | Told::Ending(_) | Told::NotThere(_) => {}
-            Told::Gripped(..) | Told::NotGripped(..) | Told::GripLost(..) | Told::GripNotThere(_) | Told::Stalled(_) => {}
             Told::Refused(_, why) => fault("controller_refused", why),
             Told::Unanswered(_, why) | Told::Lost(_, why) => fault("controller_silent", why),
             Told::Ended(_, status::SUCCEEDED, _) => self.goal = None,
@@ -320,32 +315,30 @@ impl RosSide {
         }
     }
 
-    /// Takes what the hand's controller says; whether it was that.
-    fn told_of_hand(&mut self, told: &Told, now_ms: u64) -> bool {
+    /// Takes an answer of the hand's controller.
+    pub fn told_by_hand(&mut self, told: HandTold, now_ms: u64) {
         let failure = match told {
-            Told::Stalled(number) => {
-                self.hand.stalled(*number);
+            HandTold::Refused(number, why) => self.hand.ended(number, None, 0.0).then_some(why),
+            HandTold::Stalled(number) => {
+                self.hand.stalled(number);
                 None
             }
-            Told::Gripped(number, state, result) => {
+            HandTold::Ended(number, state, result) => {
                 let was_there = self.hand.is_there();
-                let was_to = self.hand.ended(*number, Some(result), result.position / self.config.gripper_position_per_width);
+                let was_to = self.hand.ended(number, Some(&result), result.position / self.config.gripper_position_per_width);
                 // Some controllers abort a goal that something stalls, and some one to grasp that finds nothing: neither is a failure of theirs.
-                let is_done = *state == status::SUCCEEDED || result.stalled || result.reached_goal || was_there || self.hand.is_there();
-                (was_to && !is_done).then(|| format!("the hand's goal ended {} at {:.4} m", status::name(*state), result.position))
+                let is_done = state == status::SUCCEEDED || result.stalled || result.reached_goal || was_there || self.hand.is_there();
+                (was_to && !is_done).then(|| format!("the hand's goal ended {} at {:.4} m", status::name(state), result.position))
             }
-            Told::NotGripped(number, why) => self.hand.ended(*number, None, 0.0).then(|| why.clone()),
-            Told::GripLost(number, why) => self.hand.lost(*number, now_ms).then(|| why.clone()),
-            Told::GripNotThere(number) => {
-                self.hand.not_there(*number, now_ms, self.config.controller_timeout_ms);
+            HandTold::Lost(number, why) => self.hand.lost(number, now_ms).then_some(why),
+            HandTold::NotThere(number) => {
+                self.hand.not_there(number, now_ms, self.config.controller_timeout_ms);
                 None
             }
-            _ => return false,
         };
         if let (Some(why), Some(arm)) = (failure, self.arm.as_mut().filter(|arm| arm.stop().is_none())) {
             arm.fault("gripper_failed", why);
         }
-        true
     }
 
     /// Goes on to `now_ms`, and what is to be done.

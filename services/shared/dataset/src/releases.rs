@@ -30,7 +30,7 @@ use crate::{
 };
 
 /// The folder of outcomes within a folder of views.
-pub const RELEASES_FOLDER: &str = "releases";
+const RELEASES_FOLDER: &str = "releases";
 /// How names of files of proposals begin.
 const PROPOSALS: &str = "proposals_";
 /// The tensor that says what a file was made with.

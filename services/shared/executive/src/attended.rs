@@ -29,12 +29,14 @@ impl<S: Site> Attended<S> {
     async fn check(&self) -> Result<(), CallError> {
         let why = match &self.known {
             None if !self.has_commanded => return Ok(()),
-            None => "the robot told no state after the last move, and may have been somebody else's since: a person decides how it goes on",
+            None => {
+                "the robot has told no state since the last move, and somebody else may have commanded it: a person decides how to go on"
+            }
             Some(known) => {
                 if self.site.state().await?.owner == *known {
                     return Ok(());
                 }
-                "somebody has stopped and reset the robot, or commanded it, since the last move: a person decides how it goes on"
+                "somebody has stopped and reset the robot, or commanded it, since the last move: a person decides how to go on"
             }
         };
         Err(CallError::precondition(why).at("robot"))

@@ -111,7 +111,7 @@ impl SetAbstraction {
         self.linears[0].weight().narrow(1, 0, 3)?.contiguous()?.t()
     }
 
-    /// The same, operation by operation and neighbour list by neighbour list: the reference that tests hold the fused paths against.
+    /// The same, operation by operation and neighbour list by neighbour list: the reference that tests compare the fused paths with.
     ///
     /// # Errors
     /// When the shapes do not fit.

@@ -139,7 +139,7 @@ impl CommandRules {
         Self { started: true, ..Self::new(measured, settings) }
     }
 
-    /// What the set-points are held against.
+    /// The limits that the set-points are checked against.
     pub fn limits(&self) -> &JointLimits {
         &self.settings.limits
     }

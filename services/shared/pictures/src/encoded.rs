@@ -36,13 +36,12 @@ fn encoded(pixels: &[u8], (width, height): (usize, usize), color: ColorType, qua
     Ok(bytes)
 }
 
-/// Depth as brightness, near is bright, no reading is black. Some cameras have the greatest count for none.
+/// Depth as brightness, near is bright, no reading is black.
 fn grey(depth: &[u16]) -> Vec<u8> {
-    let is_reading = |d: &u16| (1..u16::MAX).contains(d);
-    let seen = || depth.iter().copied().filter(is_reading);
+    let seen = || depth.iter().copied().filter(|d| Frame::is_reading(*d));
     let (near, far) = (seen().min().unwrap_or(0), seen().max().unwrap_or(0));
     let span = f32::from(far - near).max(1.0);
-    let level = |d: &u16| if is_reading(d) { 255 - (f32::from(*d - near) / span * 200.0) as u8 } else { 0 };
+    let level = |d: &u16| if Frame::is_reading(*d) { 255 - (f32::from(*d - near) / span * 200.0) as u8 } else { 0 };
     depth.iter().map(level).collect()
 }
 

@@ -19,7 +19,7 @@ pub struct Stream {
     /// From where the stream starts to where the arm stood, radians; it fades out.
     offset: Joints,
     since_start_ms: f64,
-    /// What each place is held against.
+    /// What each place is checked against.
     pub rules: CommandRules,
 }
 

@@ -23,7 +23,7 @@ pub struct Sight {
     pub depth: Depth,
     /// A cloud's colors.
     pub color: Option<Color>,
-    /// Points of a cloud, to be held against the camera.
+    /// Points of a cloud, to be compared with the camera.
     pub sample: Vec<SampledPoint>,
 }
 

@@ -14,7 +14,7 @@ const INTEGER_UNIT_M: f64 = 1e-3;
 
 /// What a cloud has to be; the parameter is that of RealSense's driver, whose clouds are lists of points otherwise.
 const ORGANIZED: &str = "organized clouds, one point per pixel (RealSense: ordered_pc:=true)";
-/// About how many points of a cloud are held against their rays.
+/// About how many points of a cloud are compared with their rays.
 const SAMPLED_POINTS: usize = 4096;
 /// How far from its pixel a point may show: lenses whose pictures are not rectified bend rays by a few pixels.
 const RAY_TOLERANCE_PX: f64 = 5.0;
@@ -78,7 +78,7 @@ pub struct CloudPicture {
     pub sample: Vec<SampledPoint>,
 }
 
-/// A point of a cloud, to be held against its pixel's ray.
+/// A point of a cloud, to be compared with its pixel's ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SampledPoint {
     /// Its place in the picture, row by row.

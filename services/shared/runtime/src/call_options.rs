@@ -66,7 +66,7 @@ impl CallOptions {
     }
 
     /// The same with what is left of the time until `deadline`: for a call that is one of several within it.
-    pub(crate) fn until(&self, deadline: Instant) -> Self {
+    pub fn until(&self, deadline: Instant) -> Self {
         Self { deadline: deadline.saturating_duration_since(Instant::now()), ..self.clone() }
     }
 

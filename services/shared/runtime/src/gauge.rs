@@ -62,7 +62,7 @@ impl LoadGauge {
         }
     }
 
-    /// Counts `jobs` as over that were refused after all: how long that took says nothing of those that are served.
+    /// Counts `jobs` as over that were refused after they had started: how long that took says nothing of those that are served.
     pub(crate) fn refused(&self, jobs: usize) {
         self.running.fetch_sub(jobs, Ordering::Relaxed);
     }

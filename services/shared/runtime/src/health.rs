@@ -43,8 +43,8 @@ pub const METRICS: [(&str, &str); 22] = [
 const SECONDS: [f64; 14] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0];
 /// Bounds of the histogram of batch sizes.
 const JOBS: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
-/// How often the exporter counts what histograms were given. Until it does it keeps every value, and a process whose metrics nobody asks for would keep
-/// them all.
+/// How often the exporter counts what histograms were given. Until then it keeps every value; a process whose metrics nobody asks for would keep them
+/// all.
 const UPKEEP: Duration = Duration::from_secs(5);
 
 /// The process's metrics: one recorder, however many sessions it has.

@@ -66,6 +66,7 @@ mod directory;
 mod endpoint;
 mod error;
 pub mod fake;
+pub mod followed_robots;
 mod frame_link;
 mod gauge;
 mod health;

@@ -21,11 +21,11 @@ pub(crate) fn taken(service: Service, worker: &str) -> RuntimeError {
     RuntimeError::NameTaken { service, worker: worker.to_owned() }
 }
 
-/// Where no load was told for so many of its periods, nobody drains under a name.
+/// A name under which no load was told for this many of its periods has nobody who drains.
 const SILENT_PERIODS: u32 = 2;
 
-/// Waits until nobody has a name: no token of it is there, that of a process that has died goes within its lease, and nobody drains under it. Who drains
-/// has no token any more; it takes the calls that come to the name, and refuses them, until it has ended, and it tells its load until then.
+/// Waits until nobody has a name. The token of a process that has died goes within its lease. One that drains has no token any more, but takes the calls
+/// that come to the name, to refuse them, until it has ended; it tells its load until then.
 pub(crate) async fn wait_until_free(
     transport: &dyn Transport,
     cell: &Cell,

@@ -1,7 +1,7 @@
-//! How many files a process may have open: a router has one for each session over TCP, and what a system lets a process have at first (1024 on Linux)
-//! is used up by fewer than `[session] max_sessions`.
+//! How many files a process may have open. A router has one for each session over TCP, and a process's limit is 1024 at first on Linux: fewer than
+//! `[session] max_sessions`.
 
-/// Lets this process open as many files as the system lets it have at all. Where it is refused, everything stays as it is.
+/// Raises this process's limit to the highest that the system allows it. Where that is refused, everything stays as it is.
 pub(crate) fn allow_most() {
     #[cfg(unix)]
     if let Some(limit) = limit() {

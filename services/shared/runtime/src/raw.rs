@@ -67,7 +67,7 @@ pub struct RawSession {
 }
 
 impl RawSession {
-    /// Opens a session; the cell of the configuration is of no matter.
+    /// Opens a session; the cell of the configuration does not matter.
     ///
     /// # Errors
     /// When the configuration is unusable or the network cannot be reached.

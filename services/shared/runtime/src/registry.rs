@@ -167,7 +167,7 @@ impl Registry {
 pub struct Fingerprint(u64);
 
 impl Fingerprint {
-    /// That of a request. Of a scene it takes milliseconds: not while the registry is held, which every call and every cancel needs.
+    /// That of a request. With a scene in it that takes milliseconds: not to be done while the registry is locked, which every call and cancel needs.
     pub fn of(method: &str, payload: &Payload) -> Self {
         let mut hasher = DefaultHasher::new();
         (method, &payload.encoding, &payload.bytes[..]).hash(&mut hasher);

@@ -23,7 +23,7 @@ pub struct SceneStore<T> {
     max_scenes: usize,
     max_bytes: usize,
     weigh: fn(&T) -> usize,
-    /// Whether the metric of how many scenes the worker holds is of this store.
+    /// Whether the metric of how many scenes the worker holds counts this store.
     is_counted: bool,
 }
 
@@ -42,7 +42,7 @@ impl<T> SceneStore<T> {
         Self { held, max_scenes: max_scenes.max(1), max_bytes, weigh, is_counted: true }
     }
 
-    /// The same beside another store of the worker, for scenes of that one in another form: the metric of how many scenes it holds counts that one's.
+    /// The same for the scenes of the worker's main store in another form: they do not count in the metric of how many scenes it holds.
     pub fn beside_another(max_scenes: usize, max_bytes: usize, weigh: fn(&T) -> usize) -> Self {
         Self { is_counted: false, ..Self::new(max_scenes, max_bytes, weigh) }
     }
@@ -154,8 +154,8 @@ pub async fn fetch_scene(perception: &Caller, scene_id: &str, options: &CallOpti
     }
 }
 
-/// A scene as it was sent; in packed form it may say when the same content was seen first. It comes in parts, several of them under way at once: a
-/// message that takes seconds keeps others from a slow link, and one that takes more than five ends the link, with everything that goes by it.
+/// A scene as it was sent; its stamp in packed form may be that of when its content was seen first. It comes in parts, several of them under way at
+/// once: a message that takes seconds keeps others from a slow link, and one that takes more than five ends the link, with everything that goes by it.
 ///
 /// # Errors
 /// `not_found` when no worker has the scene; those of [`Caller::call_any`].
@@ -166,7 +166,7 @@ pub async fn fetch_scene_payload(perception: &Caller, request: &SceneRequest, op
 /// A scene's payload that came.
 struct Fetched {
     payload: Payload,
-    /// When the scene was last seen to be so, where the payload may say when it was at first.
+    /// When its content was last seen, where the stamp in the payload may be an earlier one.
     stamp_ns: Option<u64>,
 }
 
@@ -230,9 +230,9 @@ async fn fetch_parts(perception: &Caller, request: &SceneRequest, options: &Call
 /// Least time after which a part that was refused is asked for again.
 const ASK_AGAIN: Duration = Duration::from_millis(20);
 
-/// One part. Whoever looks at a cell asks for a new scene at once, each for many parts, and a worker that is full refuses some: these are asked for
-/// again, as the others are on their way. A worker reckons by what a segmentation takes when it says when to come back, and a part takes it no time:
-/// a long wait is no reason to give up at once.
+/// One part. All who look at a cell ask for a new scene at once, each for many parts, and a worker that is full refuses some: those are asked for again
+/// while the others are on their way. The wait that a worker asks for is that of segmentations, which take far longer than a part does: a long one is no
+/// reason to give up.
 async fn fetch_part(perception: &Caller, request: &Payload, options: &CallOptions, deadline: Instant) -> Result<Answer, CallError> {
     loop {
         let full = match perception.call_any("scene", request, &options.until(deadline)).await {
@@ -263,8 +263,8 @@ impl Caller {
         Ok((answer.payload.decode_json()?, answer))
     }
 
-    /// Asks motion for a plan, likewise. A worker that holds the same content as it was seen long before, which its id does not tell, is sent the younger
-    /// sighting, too: a plan can be carried out for as long as its scene is young.
+    /// Asks motion for a plan, likewise. A plan can be carried out only while its scene is young, and a worker may hold the same content, under the same
+    /// id, with the stamp of an older sighting: it is sent the younger one then, and plans again.
     ///
     /// # Errors
     /// Those of [`Caller::call_with_scene`].
@@ -291,7 +291,7 @@ impl Caller {
         let answer = self.call_with_scene("plan", scene, &encode, options.clone()).await?;
         // One that cannot be read is for who asked to refuse, or to hand on: it may be of a later version.
         let Ok(plan) = answer.payload.decode_json::<MotionPlan>() else { return Ok(answer) };
-        // Half of its time is enough for a plan.
+        // A plan that has half of its time left is young enough.
         let older_ms = |scene: &Scene| scene.stamp_ns.saturating_sub(plan.scene_stamp_ns) / 1_000_000;
         let Some(younger) = scene.filter(|&scene| older_ms(scene) > plan.max_scene_age_ms / 2) else { return Ok(answer) };
         let again = self.call("plan", encode(Some(younger))?, options.until(deadline)).await;

@@ -1,9 +1,8 @@
 //! Connections over HTTP over which nothing passes are let go.
 //!
 //! A machine that is switched off or carried away leaves its connections open at this end for ever, and so does whoever connects and asks
-//! nothing. Each takes a place of those that the operating system gives a process; of a console, a server of agents or a router that runs for months
-//! none would be left, for a stop neither. Viewers' WebSockets are asked every few seconds, agents that wait are told every few that they do, and
-//! neither come to this.
+//! nothing. Each takes one of the open files that the operating system allows a process: a console, a server for agents or a router that runs for months
+//! would have none left, not even for a stop. Viewers' WebSockets and agents that wait are written to every few seconds, and are never silent so long.
 
 use std::io::{Error, ErrorKind, IoSlice, Result};
 use std::pin::Pin;

@@ -104,8 +104,8 @@ impl Followed {
         self.objects.iter().map(|(id, object)| (*id, object.fate)).filter(|(_, fate)| *fate != Fate::Stands).collect()
     }
 
-    /// Something was carried out: an object (first view's id; none where that did not have it) is to be where a motion put it, and every other that
-    /// was told as disturbed where it was seen last. The rest is to be where it was: shifts that are each too small to be told add up until they are.
+    /// Something was carried out: an object (first view's id; none where that did not have it) is to be where a motion put it. Every other that was told
+    /// as disturbed is to be where it was seen last, and the rest where it was to be before: shifts that are each too small to be told add up.
     pub fn carried(&mut self, id: Option<u16>, placed_from_observed: &Isometry3<f64>) {
         for object in self.objects.values_mut().filter(|object| object.fate != Fate::Stands) {
             object.expected.clone_from(&object.seen);

@@ -90,7 +90,7 @@ impl Known {
     }
 
     /// Who is who in a new view, after an object (first view's id) was lost or fell: it may be some way off, among the objects that nobody is and that
-    /// may be it. One of its size is sooner it than one that is nearer and of another, which may have been hidden before; one that lies may look smaller
+    /// may be it. One of its size goes before a nearer one of another size, which may have been hidden before; but an object that lies may look smaller
     /// or larger than it did upright.
     pub(crate) fn look_for_lost(&mut self, lost: u16, objects: &[ObjectSummary], may_be: impl Fn(&ObjectSummary) -> bool) {
         self.look_again(objects);

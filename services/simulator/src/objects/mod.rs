@@ -70,7 +70,7 @@ pub struct ObjectShape {
     pub mass_kg: f32,
     /// Coulomb friction coefficient; a contact takes the mean of the two.
     pub friction: f32,
-    /// Whether that is this very object's, as a sidecar says it; scenes draw one for any other.
+    /// Whether that is this object's own, from a sidecar; scenes draw the friction of all others.
     pub is_friction_known: bool,
     /// Where another object can stand, if anywhere.
     pub top: Option<Top>,

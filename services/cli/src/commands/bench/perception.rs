@@ -248,11 +248,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: BenchPerceptionArgs,
-    }
+    type Line = crate::testing::Line<BenchPerceptionArgs>;
 
     #[test]
     fn a_soak_has_a_length_and_a_rate_that_a_clock_can_keep_and_only_a_soak_has_them() {

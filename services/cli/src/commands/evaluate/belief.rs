@@ -70,11 +70,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: EvaluateBeliefArgs,
-    }
+    type Line = crate::testing::Line<EvaluateBeliefArgs>;
 
     #[test]
     fn scenes_of_another_split_are_refused() {

@@ -75,11 +75,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: EvaluateDiscriminatorArgs,
-    }
+    type Line = crate::testing::Line<EvaluateDiscriminatorArgs>;
 
     #[test]
     fn two_scenes_leave_a_report_with_the_contracts_keys() {

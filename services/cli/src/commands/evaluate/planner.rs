@@ -193,11 +193,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: EvaluatePlannerArgs,
-    }
+    type Line = crate::testing::Line<EvaluatePlannerArgs>;
 
     #[test]
     fn a_table_is_gone_on_with_and_has_the_contracts_keys() {

@@ -65,11 +65,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: EvaluateRelationsArgs,
-    }
+    type Line = crate::testing::Line<EvaluateRelationsArgs>;
 
     #[test]
     fn a_few_examples_leave_a_report_with_the_contracts_keys() {

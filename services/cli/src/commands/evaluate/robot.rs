@@ -98,11 +98,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: EvaluateRobotArgs,
-    }
+    type Line = crate::testing::Line<EvaluateRobotArgs>;
 
     #[test]
     fn pictures_that_cannot_be_written_are_refused_before_anything_else() {

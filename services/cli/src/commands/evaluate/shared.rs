@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use repose_dataset::Split;
-use repose_evaluation::report::final_runs::{claim, commit, ledger};
+use repose_evaluation::report::final_runs::{claim, ledger};
+use repose_evaluation::report::own_commit::own_commit;
 use repose_evaluation::report::written::can_write;
 use repose_inference::Engine;
 use repose_simulator::objects::{MeshLibrary, MeshSettings, ObjectSource};
@@ -36,7 +37,7 @@ pub struct TableArgs {
 impl TableArgs {
     /// The first scene, counted from the split's first seed: the block's, which is written down here when it begins.
     pub fn first(&self, table: &str, made_with: &Value) -> Result<SceneRange, Failure> {
-        let commit = commit();
+        let commit = own_commit(&ledger());
         if self.split != Split::Final {
             let given = self.block.map_or(Ok(()), |_| Err(Failure::bad_input("block", "only `--split final` has blocks")));
             return given.map(|()| SceneRange { split: self.split, first: 0, block: None, commit });
@@ -84,7 +85,7 @@ pub fn check_slots(first: u64, count: usize, slots: u64) -> CommandResult {
     if first.checked_add(count as u64).is_some_and(|end| end <= slots) {
         return Ok(());
     }
-    Err(Failure::bad_input("first", format!("a table has at most {slots} of each kind, and not {count} from number {first} on")))
+    Err(Failure::bad_input("first", format!("a table has at most {slots} of each kind, too few for {count} from number {first} on")))
 }
 
 /// Refuses a folder to which the report of a table cannot be written: after hours of making it that would be too late to say.

@@ -324,11 +324,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: GenerateArgs,
-    }
+    type Line = crate::testing::Line<GenerateArgs>;
 
     fn parsed(arguments: &[&str]) -> Result<GenerateArgs, clap::Error> {
         Line::try_parse_from(std::iter::once("generate").chain(arguments.iter().copied())).map(|line| line.args)

@@ -134,7 +134,7 @@ impl Asking {
     }
 
     /// The kinds of requests, by what the report calls them.
-    pub fn kind_names(&self) -> Vec<String> {
+    fn kind_names(&self) -> Vec<String> {
         self.kinds.iter().map(|kind| kind.name.clone()).collect()
     }
 

@@ -231,11 +231,7 @@ mod tests {
 
     use super::*;
 
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: TrainArgs,
-    }
+    type Line = crate::testing::Line<TrainArgs>;
 
     #[test]
     fn what_a_fit_or_a_training_would_not_heed_is_refused() {

@@ -109,8 +109,9 @@ impl TriedScenes<'_> {
                 return Err(bad(&format!("{other}: made by another program")));
             }
             if let (Some(own), Some(other)) = (self.outcome_hash, scene.outcome_hash().filter(|made| self.outcome_hash != Some(*made))) {
-                let message =
-                    format!("made with the outcome network {other}, and not with {own}: take another folder, or the weights of then");
+                let message = format!(
+                    "made with the outcome network {other}, not with {own}: take another folder, or the weights that it was made with"
+                );
                 return Err(bad(&message));
             }
             all.insert(scene.seed(), scene);

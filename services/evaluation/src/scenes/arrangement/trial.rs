@@ -28,7 +28,7 @@ use crate::scenes::arrangement::task::{ArrangementTask, Shapes, TaskKind};
 use crate::scenes::held_scenes::HeldScenes;
 
 /// Random orders that the second bar tries.
-pub const RANDOM_ORDERS: usize = 3;
+const RANDOM_ORDERS: usize = 3;
 
 /// What a task came to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

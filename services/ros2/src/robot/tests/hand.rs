@@ -1,16 +1,24 @@
 //! Goals of the hand's controller.
 
-use repose_proto::robot::{EmergencyStop, RobotMode, Task};
+use repose_proto::robot::{EmergencyStop, GripperCommand, RobotMode, Task};
 use repose_ros_messages::{GripperCommandResult, status};
 
 use super::trial::Trial;
-use crate::robot::side::{Do, Told};
+use crate::robot::side::{Do, HandTold};
+
+/// A trial whose hand was just sent to close, as its goal 1.
+fn gripping() -> Trial {
+    let mut trial = Trial::new(true);
+    trial.command(|command| command.gripper = Some(GripperCommand { width_m: 0.02, force_n: 30.0 }));
+    trial.run(8);
+    trial
+}
 
 #[test]
 fn the_hand_closes_and_holds_what_stalls_it() {
     let mut trial = Trial::new(true);
     trial.command(|command| {
-        command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 });
+        command.gripper = Some(GripperCommand { width_m: 0.02, force_n: 30.0 });
         command.task = Some(Task { id: "t1".to_owned(), open: true, grasps: None });
     });
     trial.run(8);
@@ -18,7 +26,7 @@ fn the_hand_closes_and_holds_what_stalls_it() {
     assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled);
     trial.fingers_m = 0.03;
     let stalled = GripperCommandResult { position: 0.03, effort: 30.0, stalled: true, reached_goal: false };
-    trial.side.told(Told::Gripped(1, status::SUCCEEDED, stalled), trial.now_ms);
+    trial.side.told_by_hand(HandTold::Ended(1, status::SUCCEEDED, stalled), trial.now_ms);
     trial.run(8);
     let state = trial.side.state(trial.now_ms, 0).expect("a state");
     assert!(state.gripper_settled && state.gripper_holding && (state.gripper_width_m - 0.06).abs() < 1e-9);
@@ -27,18 +35,16 @@ fn the_hand_closes_and_holds_what_stalls_it() {
 #[test]
 fn a_stop_cancels_the_hand_until_its_goal_ends_unless_something_is_between_its_fingers() {
     for stalls in [false, true] {
-        let mut trial = Trial::new(true);
-        trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
-        trial.run(8);
+        let mut trial = gripping();
         assert_eq!(trial.done(), [Do::Grip(1, 0.01, 30.0)]);
         if stalls {
-            trial.side.told(Told::Stalled(1), trial.now_ms);
+            trial.side.told_by_hand(HandTold::Stalled(1), trial.now_ms);
         }
         trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
         trial.run(400);
         assert_eq!(trial.done(), vec![Do::CancelGrip(1); if stalls { 0 } else { 2 }]);
         assert_eq!(trial.stop_kind().as_deref(), Some("estop"));
-        trial.side.told(Told::Gripped(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
+        trial.side.told_by_hand(HandTold::Ended(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
         trial.run(400);
         assert_eq!((trial.done(), trial.stop_kind().as_deref()), (Vec::new(), Some("estop")));
         assert!(trial.clears());
@@ -50,48 +56,42 @@ fn a_goal_of_the_hand_that_fails_latches_a_stop_and_one_that_something_stalls_do
     let short = GripperCommandResult { position: 0.03, ..GripperCommandResult::default() };
     let stalled = GripperCommandResult { stalled: true, ..short };
     for (told, stop) in [
-        (Told::NotGripped(1, "it refused the goal".to_owned()), Some("gripper_failed")),
-        (Told::GripLost(1, "it does not answer".to_owned()), Some("gripper_failed")),
-        (Told::Gripped(1, status::ABORTED, short), Some("gripper_failed")),
-        (Told::Gripped(1, status::ABORTED, stalled), None),
+        (HandTold::Refused(1, "it refused the goal".to_owned()), Some("gripper_failed")),
+        (HandTold::Lost(1, "it does not answer".to_owned()), Some("gripper_failed")),
+        (HandTold::Ended(1, status::ABORTED, short), Some("gripper_failed")),
+        (HandTold::Ended(1, status::ABORTED, stalled), None),
         // It was to grasp, and nothing was there.
-        (Told::Gripped(1, status::ABORTED, GripperCommandResult { position: 0.01, ..short }), None),
-        (Told::Gripped(1, status::SUCCEEDED, short), None),
-        (Told::NotGripped(7, "another goal".to_owned()), None),
+        (HandTold::Ended(1, status::ABORTED, GripperCommandResult { position: 0.01, ..short }), None),
+        (HandTold::Ended(1, status::SUCCEEDED, short), None),
+        (HandTold::Refused(7, "another goal".to_owned()), None),
     ] {
-        let mut trial = Trial::new(true);
-        trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
-        trial.run(8);
-        trial.side.told(told.clone(), trial.now_ms);
+        let mut trial = gripping();
+        trial.side.told_by_hand(told.clone(), trial.now_ms);
         assert_eq!(trial.stop_kind().as_deref(), stop, "{told:?}");
     }
 }
 
 #[test]
 fn a_goal_of_the_hand_that_a_stop_has_canceled_is_no_failure_when_it_ends_late() {
-    let mut trial = Trial::new(true);
-    trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
-    trial.run(8);
+    let mut trial = gripping();
     trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
     trial.run(8);
     assert!(trial.clears());
-    trial.side.told(Told::Gripped(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
+    trial.side.told_by_hand(HandTold::Ended(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
     assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Idle));
 }
 
 #[test]
 fn a_goal_that_the_hands_controller_may_have_taken_without_a_word_is_canceled_until_it_is_known_to_be_over() {
-    let mut trial = Trial::new(true);
-    trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
-    trial.run(8);
+    let mut trial = gripping();
     trial.done();
-    trial.side.told(Told::GripLost(1, "no answer within 2000 ms".to_owned()), trial.now_ms);
+    trial.side.told_by_hand(HandTold::Lost(1, "no answer within 2000 ms".to_owned()), trial.now_ms);
     trial.run(400);
     assert_eq!((trial.done(), trial.stop_kind().as_deref()), (vec![Do::CancelGrip(1); 2], Some("gripper_failed")));
-    trial.side.told(Told::GripNotThere(1), trial.now_ms);
+    trial.side.told_by_hand(HandTold::NotThere(1), trial.now_ms);
     trial.run(2000);
     assert_eq!(trial.done(), vec![Do::CancelGrip(1); 8], "it may come late");
-    trial.side.told(Told::GripNotThere(1), trial.now_ms);
+    trial.side.told_by_hand(HandTold::NotThere(1), trial.now_ms);
     trial.run(400);
     assert!(trial.done().is_empty());
     assert!(trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled);
@@ -99,11 +99,9 @@ fn a_goal_that_the_hands_controller_may_have_taken_without_a_word_is_canceled_un
 
 #[test]
 fn a_controller_that_has_ended_a_goal_of_the_hand_tells_so_by_its_result_and_not_by_a_cancel() {
-    let mut trial = Trial::new(true);
-    trial.command(|command| command.gripper = Some(repose_proto::robot::GripperCommand { width_m: 0.02, force_n: 30.0 }));
-    trial.run(8);
+    let mut trial = gripping();
     trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
     trial.run(4000);
-    trial.side.told(Told::GripNotThere(1), trial.now_ms);
+    trial.side.told_by_hand(HandTold::NotThere(1), trial.now_ms);
     assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled, "its result is on the way");
 }

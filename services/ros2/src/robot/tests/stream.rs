@@ -9,7 +9,7 @@ use crate::config::RobotConfig;
 use crate::robot::side::{Do, Told};
 
 #[test]
-fn an_arm_is_held_against_the_limits_of_its_own_model() {
+fn an_arm_is_checked_against_the_limits_of_its_own_model() {
     // 2.4 rad/s at joint 1: an FR3 may 2.62, a Panda 2.175.
     for (model, stop) in [("panda", Some("joint_velocity_limit")), ("fr3", None)] {
         let mut trial = Trial::ready(RobotConfig { model: model.to_owned(), ..config(false) });
@@ -120,7 +120,7 @@ fn a_stream_that_is_brought_to_rest_on_its_way_takes_the_place_of_the_goal() {
     assert!(trajectory.points[0].time_from_start.as_ms() <= 10.0);
     assert_eq!(trajectory.points.last().map(|p| p.velocities[0].abs() < 1e-9), Some(true));
     trial.side.told(ended(1, status::ABORTED), trial.now_ms);
-    assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Moving), "the goal whose place was taken is of no matter");
+    assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Moving), "the goal whose place was taken does not matter");
     trial.side.told(Told::Accepted(2), trial.now_ms);
     trial.joints_rad[0] = halted(READY[0], 0.3)[40].q_rad[0];
     trial.run(600);

@@ -76,7 +76,7 @@ pub async fn bring_about<S: Site>(
         aside: BTreeMap::new(),
         earlier: Vec::new(),
         conflict: None,
-        unseen: None,
+        maybe_moved: None,
     };
     let (ended, why, error) = match run.until_the_end().await {
         // Nothing was tried.
@@ -126,7 +126,7 @@ struct Run<S, T> {
     earlier: Vec<ArrangeMove>,
     conflict: Option<Conflict>,
     /// The object that the robot may have moved since the newest view, by its id in the first one.
-    unseen: Option<u16>,
+    maybe_moved: Option<u16>,
 }
 
 impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
@@ -192,7 +192,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         }
     }
 
-    /// Counts a move that was tried; why it has to end here, where it has to.
+    /// Counts a move that was tried; the reason to give up, where there is one.
     fn counted(&mut self, object: Option<u16>, purpose: Purpose, achieved: bool) -> Option<String> {
         if !achieved {
             // What the plan has left starts from where this move should have ended.
@@ -241,7 +241,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
 
     /// Finds the objects again in the newest view, and notes on the last step what became of them.
     fn look(&mut self) {
-        self.unseen = None;
+        self.maybe_moved = None;
         self.followed.look_again(&self.view.1);
         self.note_goals();
         if let Some(step) = self.steps.last_mut() {
@@ -340,9 +340,9 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
             false => self.site.carry_out(&request, &placements, &self.view).await,
         };
         // Whatever came of it, the robot may have taken the object up.
-        let may_be_moved = !carried_out.as_ref().is_err_and(is_unserved);
-        self.unseen = object.filter(|_| may_be_moved);
-        self.unseen.into_iter().for_each(|object| self.memory.carried(object));
+        let may_have_begun = !carried_out.as_ref().is_err_and(is_unserved);
+        self.maybe_moved = object.filter(|_| may_have_begun);
+        self.maybe_moved.into_iter().for_each(|object| self.memory.carried(object));
         let Some(step) = self.steps.last_mut() else { return Ok(false) };
         step.tried = match carried_out {
             Ok(tried) => tried,
@@ -424,7 +424,7 @@ impl<S: Site, T: FnMut(News<'_>) + Send> Run<S, T> {
         let view = &self.view.1;
         let yaw_rad = self.request.view_yaw_rad.unwrap_or(view.meta.view_yaw_rad);
         let of = |goal: &ObjectGoal| {
-            if about(goal).any(|object| self.unseen == Some(object)) {
+            if about(goal).any(|object| self.maybe_moved == Some(object)) {
                 return None;
             }
             let translated = self.followed.translated("goals", goal.object, &goal.terms).ok();

@@ -1,6 +1,6 @@
 //! The robot's side of the command keys: who may command, which set-points are followed, and when the arm stops by itself.
 //!
-//! One owner at a time, by growing epochs; set-points are interpolated (cubic Hermite) at 1 kHz of robot time and each is held against
+//! One owner at a time, by growing epochs; set-points are interpolated (cubic Hermite) at 1 kHz of robot time and each is checked against
 //! Franka's rules. A broken rule, a commander that falls silent (set-points run out, or the last command outlives its time to live) and an
 //! emergency stop bring the arm to rest within the limits of velocity, acceleration and jerk, and latch: only a command that clears the stop
 //! is accepted then. The rules refuse what could not be stopped any more, so whatever is sent, no limit is exceeded at any time.
@@ -29,7 +29,7 @@ use crate::stream::Stream;
 pub struct ArmSettings {
     /// What its state says that it is. Default: the Panda.
     pub model: Model,
-    /// What set-points are held against.
+    /// What set-points are checked against.
     pub rules: CommandRuleSettings,
     /// The share of the acceleration and jerk limits that a stop uses where there is room for it.
     pub gentle_share: f64,
@@ -359,7 +359,7 @@ impl Arm {
         if command.gripper.is_some() {
             self.gripper = command.gripper;
             self.grasps = command.task.as_ref().and_then(|task| task.grasps.clone());
-            // A hand that holds something and is told to let go may never come to it: a stop drops the action, or the hand leaves it off.
+            // A hand that holds something and is told to let go may never do so: a stop drops the action, or the hand leaves it off.
             if self.grasps.is_some() || !self.grips {
                 self.in_hand.clone_from(&self.grasps);
             }

@@ -52,7 +52,7 @@ pub struct CheckReport {
     pub allowed: usize,
     /// Combinations that nobody is at the other end of.
     pub untried: usize,
-    /// What came out otherwise than the roles say.
+    /// What differs from the roles.
     pub wrong: Vec<PermissionMismatch>,
     /// What nobody can tell of.
     pub unanswered: Vec<PermissionMismatch>,

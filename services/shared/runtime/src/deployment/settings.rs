@@ -3,11 +3,11 @@
 
 use toml::{Table, Value};
 
-/// Settings of `deploy` that are gone where the roles say them no longer: section and field.
+/// Settings of `deploy` that are removed when the roles no longer say them: section and field.
 const ONLY_WHERE_SAID: [(&str, &str); 1] = [("caller", "pool")];
 
-/// A configuration as `deploy` makes it, with what else `earlier` sets. A list of addresses that has ours among others stays as it is: the others are
-/// further routers. The text stays, too, comments and all, where nothing in it changes.
+/// A configuration as `deploy` makes it, with what else `earlier` sets. A list that has ours among others stays as it is: the others are the operator's,
+/// as further routers to connect to. Where nothing changes, the text stays with its comments.
 ///
 /// # Errors
 /// When `earlier` is no TOML.

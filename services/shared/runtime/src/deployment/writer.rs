@@ -86,8 +86,8 @@ impl Files {
         self.put(path, text, 0o600 | shared_with_group(path))
     }
 
-    /// The whole text is beside the file before it takes its place: where the disk is full, or whoever writes dies, what was there stays. With the
-    /// router's users their passwords would be lost, which programs in the field have.
+    /// The whole text is written beside the file before it takes its place: where the disk is full, or this process dies, what was there stays. The
+    /// router's file of users holds passwords that programs in the field have.
     fn put(&mut self, path: &Path, text: &str, mode: u32) -> Result<(), Failed> {
         let fail = |e: std::io::Error| Failed::new(path, e);
         if let Some(folder) = path.parent() {

@@ -114,8 +114,8 @@ impl Shared {
         CallError::new(ErrorCode::ResourceExhausted, message).retry_after(self.retry_after_ms())
     }
 
-    /// When half of the open calls have ended, milliseconds. The time of a call is what it is open for, waiting and all: those that are open are half
-    /// done in the mean, however many are served at once.
+    /// In how long half of the open calls will have ended, milliseconds: half of what a call is open for, its waiting included, since open calls are half
+    /// done on average, however many are served at once.
     fn retry_after_ms(&self) -> u64 {
         let call_ms = self.gauge.service_ms().max(self.handler.load().service_ms);
         (call_ms / 2.0).clamp(1.0, 10_000.0) as u64
@@ -227,7 +227,7 @@ async fn supervise(
                 abort.abort();
                 return Err(given_up());
             }
-            // Last: there may always be some where it comes faster than it can be sent.
+            // Last, since there is always some where it comes faster than it can be sent.
             Some(payload) = progressed.recv() => answerer.progress(payload).await,
         }
     }
