@@ -129,6 +129,8 @@ function welcomed(welcome) {
 async function watch() {
   hasWatched = true;
   toldOf = undefined;
+  // What was looked for before does not come any more.
+  segment.isAsking = false;
   watchedAt = performance.now();
   const turn = ++watches;
   try {
@@ -262,12 +264,17 @@ function segment(pixel) {
   segment.isAsking = true;
   segment.pixel = pixel;
   notice({ message: "Looking for an object there …" });
-  connection.ask("segment", { scene_id: scene.id, pixel }).catch((refusal) => notice(refusal, "bad")).finally(() => { segment.isAsking = false; });
+  // Its answer says that it was found; the scene that it is in, which is larger, may come after that.
+  connection.ask("segment", { scene_id: scene.id, pixel }).catch((refusal) => {
+    segment.isAsking = false;
+    notice(refusal, "bad");
+  });
 }
 
 /** Takes the scene in which perception has looked for an object: what was picked is found in it by where it is. */
 function segmented(message) {
   const found = sceneOf(message), [u, v] = segment.pixel;
+  segment.isAsking = false;
   // Of the camera before: another was chosen meanwhile.
   if (camera && found.camera !== camera) return;
   const again = (id) => {

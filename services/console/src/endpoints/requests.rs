@@ -97,6 +97,9 @@ impl Viewer {
         if let Ask::Seen { what } = ask {
             return self.outbox.seen(&if what == DrawnMessage::Picture { Topic::Picture } else { Topic::Scene });
         }
+        if ask == Ask::Received {
+            return self.outbox.received();
+        }
         // None of the open ones: whoever has as many open as may be gives one up to ask for another.
         if let Ask::Cancel { request } = ask {
             if let Some(open) = self.eyes().open.get(&request) {
@@ -140,7 +143,7 @@ impl Viewer {
         match ask {
             Ask::Watch { cell, camera } => self.watch(id, &cell, camera.as_deref()).await,
             // Taken above.
-            Ask::Seen { .. } | Ask::Cancel { .. } => Ok(Answered::Done {}),
+            Ask::Seen { .. } | Ask::Received | Ask::Cancel { .. } => Ok(Answered::Done {}),
             Ask::Hold { scene_id } => self.hold(&scene_id).await,
             Ask::Segment { scene_id, pixel } => self.segment(&scene_id, pixel).await,
             Ask::Place { request } => self.place(id, &request, cancel).await,

@@ -160,7 +160,7 @@ mod tests {
 
     use super::*;
     use crate::ConsoleConfig;
-    use crate::viewers::{Outbox, ViewerMessage};
+    use crate::viewers::{Outbox, Outgoing, ViewerMessage};
 
     /// Whether a viewer who comes now is shown a motion to come.
     async fn is_shown(cell: &WatchedCell) -> bool {
@@ -169,7 +169,9 @@ mod tests {
         cell.audience().leave(1);
         loop {
             match outbox.next().await.expect("a plan is told, or that there is none") {
-                ViewerMessage::Text(text) if text.contains(r#""kind":"plan""#) => return !text.contains(r#""shown":null"#),
+                Outgoing::Whole(ViewerMessage::Text(text)) if text.contains(r#""kind":"plan""#) => {
+                    return !text.contains(r#""shown":null"#);
+                }
                 _ => {}
             }
         }
