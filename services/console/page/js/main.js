@@ -13,6 +13,7 @@ import { Picture, labelsOf } from "./picture.js";
 import { Placements, evidence } from "./placements.js";
 import { World } from "./scene.js";
 import { askForToken } from "./sign_in.js";
+import { Stored } from "./stored.js";
 import { System } from "./system.js";
 import { followTheme } from "./theme.js";
 import { showTip } from "./tip.js";
@@ -22,7 +23,7 @@ const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm
 /** How far an object may seem to have moved between two segmentations of one picture, metres. */
 const SAME_M = 0.03;
 const ROLES = ["viewer", "planner", "operator"];
-const stored = { get: (key) => sessionStorage.getItem(`repose.${key}`) || undefined, set: (key, value) => sessionStorage.setItem(`repose.${key}`, value) };
+const stored = new Stored(() => sessionStorage);
 
 let role = "viewer", cell, camera, robot, page;
 let scene, newest, isHeld = false, hasWatched = false, myPlan, hadPlan;
@@ -113,9 +114,9 @@ function welcomed(welcome) {
   motion.may(may("operator"));
   sequence.may(may("operator"));
   arrangement.may(may("planner"), may("operator"));
-  cell ??= stored.get("cell") ?? welcome.cell;
+  cell ??= stored.get("cell") || welcome.cell;
   choices(byId("cell"), [cell], cell);
-  camera ??= stored.get("camera");
+  camera ??= stored.get("camera") || undefined;
   // The console has forgotten this viewer's plan. What is under way is told again where it still is: a console that was started anew knows of nothing.
   myPlan = undefined;
   planShown(undefined);
