@@ -67,7 +67,7 @@ struct Parts {
     robots: BTreeMap<String, RobotState>,
     activity: Activity,
     /// The plan that is shown.
-    plan: Option<String>,
+    plan: Option<Arc<PlanShown>>,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -208,18 +208,26 @@ impl WatchedCell {
 
     /// Shows everyone a motion that was planned.
     pub fn show_plan(&self, shown: Arc<PlanShown>) {
-        let (plan, message) = (shown.plan.clone(), ServerMessage::Plan { shown: Some(shown) }.encode());
+        let message = ServerMessage::Plan { shown: Some(shown.clone()) }.encode();
         let mut known = locked(&self.shared.known);
-        known.plan = Some(plan);
+        known.plan = Some(shown);
         // Told before it can be hidden, as in `update`.
         self.shared.audience.tell(&Topic::Plan, &message);
     }
 
-    /// Shows no planned motion any more; with an id, only where it is that one that is shown.
-    pub fn hide_plan(&self, id: Option<&str>) {
+    /// Shows no planned motion any more where it is this one that is shown.
+    pub fn hide_plan(&self, id: &str) {
+        self.hide_plan_where(|shown| shown.plan == id);
+    }
+
+    /// Shows no planned motion of a robot any more, as one that moves leaves the place that it begins at. One of another robot stays.
+    pub fn hide_plan_of(&self, robot: &str) {
+        self.hide_plan_where(|shown| shown.robot == robot);
+    }
+
+    fn hide_plan_where(&self, is_over: impl FnOnce(&PlanShown) -> bool) {
         let mut known = locked(&self.shared.known);
-        let hidden = known.plan.take_if(|shown| id.is_none_or(|id| shown == id));
-        if hidden.is_some() {
+        if known.plan.take_if(|shown| is_over(shown)).is_some() {
             self.shared.audience.tell(&Topic::Plan, &ServerMessage::Plan { shown: None }.encode());
         }
     }

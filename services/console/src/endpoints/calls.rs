@@ -46,7 +46,7 @@ pub fn shown(plan: &MotionPlan, robot: &RobotState) -> Arc<PlanShown> {
 pub async fn execute(cell: &WatchedCell, id: String, plan: &MotionPlan) -> Result<Answer, CallError> {
     let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
     let mut shown = ExecutionShown { id, robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None, said: Vec::new() };
-    cell.hide_plan(None);
+    cell.hide_plan_of(&plan.robot);
     cell.update(|activity| activity.show_execution(&shown, false));
     let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
     let calling = async { moving(cell, "execute", Payload::json(plan)?, Some(sender)).await };
