@@ -2,6 +2,7 @@
 
 use std::future::Future;
 use std::sync::Arc;
+use std::time::Duration;
 
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
@@ -9,7 +10,7 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest};
 use repose_proto::robot::HeldObject;
 use repose_proto::{CallError, Message, Payload, Scene, Service};
-use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, load_of};
+use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, fetch_stamp, load_of};
 
 use crate::client_watch::ClientWatch;
 use crate::config::{MotionConfig, OnClientLoss};
@@ -19,6 +20,9 @@ use crate::robot_link::{RobotLink, ToRest};
 use crate::wire;
 use crate::worker::Worker;
 
+/// How long perception may take to say when it last saw a scene.
+const STAMP_WITHIN: Duration = Duration::from_secs(1);
+
 /// Answers `plan`, `execute`, `reset` and `recover`.
 pub struct Endpoints {
     worker: Arc<Worker>,
@@ -27,6 +31,8 @@ pub struct Endpoints {
     perception: Caller,
     neighbours: Arc<Neighbours>,
     on_client_loss: OnClientLoss,
+    /// How long a held scene passes for as young as it came.
+    young_for: Duration,
 }
 
 impl Endpoints {
@@ -42,6 +48,7 @@ impl Endpoints {
             perception: session.caller(Service::Perception).await?,
             neighbours: Arc::new(Neighbours::follow(session, config.base()?).await?),
             on_client_loss: config.on_client_loss,
+            young_for: Duration::from_millis(config.max_scene_age_ms / 2),
         })
     }
 
@@ -49,7 +56,7 @@ impl Endpoints {
     /// be had so; a caller that has it at hand sends it then.
     async fn missing_scene(&self, scene_id: &str, call: &Call) -> Option<Scene> {
         // Where there is no perception nobody waits for one.
-        if self.worker.holds(scene_id) || self.perception.workers().is_empty() {
+        if self.worker.scene(scene_id).is_some() || self.perception.workers().is_empty() {
             return None;
         }
         let started = std::time::Instant::now();
@@ -60,13 +67,28 @@ impl Endpoints {
         fetched.inspect_err(|error| tracing::debug!(scene_id, %error, "perception has no scene to plan on")).ok()
     }
 
+    /// The scene of a request by its id that is to be planned on: as [`Self::missing_scene`], and one that has been held for long as perception has seen
+    /// it since. The same content has one id whenever it is seen, and what was planned on it can be carried out for as long as its sighting is young.
+    async fn scene_to_plan_on(&self, scene_id: &str, call: &Call) -> Option<Scene> {
+        let Some(held) = self.worker.scene(scene_id) else { return self.missing_scene(scene_id, call).await };
+        if held.held_for() < self.young_for || self.perception.workers().is_empty() {
+            return None;
+        }
+        let options = CallOptions::for_call(call);
+        let options = CallOptions { deadline: STAMP_WITHIN.min(options.deadline / 2), ..options };
+        let asked = fetch_stamp(&self.perception, scene_id, &options).await;
+        let stamp_ns =
+            asked.inspect_err(|error| tracing::debug!(scene_id, %error, "perception does not say when it saw a scene")).ok()??;
+        (stamp_ns > held.scene().stamp_ns).then(|| Scene { stamp_ns, ..held.scene().clone() })
+    }
+
     /// Ranked placements to a timed motion. The request comes as JSON, or in bulk form with its scene.
     async fn plan(&self, call: &Call) -> Result<Payload, CallError> {
         let (request, scene) = match call.payload.is_bulk() {
             true => call.timed("decode", || disclose::<MotionPlanRequest>(&call.payload.decode_bulk(MotionPlanRequest::SCHEMA)?))?,
             false => {
                 let request: MotionPlanRequest = call.payload.decode_json()?;
-                let scene = self.missing_scene(&request.scene.scene_id, call).await;
+                let scene = self.scene_to_plan_on(&request.scene.scene_id, call).await;
                 (request, scene)
             }
         };

@@ -135,6 +135,17 @@ pub async fn fetch_newest(perception: &Caller, camera: &str, options: &CallOptio
     perception.call_any("latest", &request, options).await?.payload.decode_json()
 }
 
+/// When perception last saw a scene to be so, nanoseconds since the Unix epoch, without the scene itself; none where its worker does not say.
+///
+/// # Errors
+/// `not_found` when no worker has the scene; those of [`Caller::call_any`].
+pub async fn fetch_stamp(perception: &Caller, scene_id: &str, options: &CallOptions) -> Result<Option<u64>, CallError> {
+    let part = ByteRange { offset: 0, length: 1 };
+    let request = Payload::json(&SceneRequest { part: Some(part), ..SceneRequest::new(scene_id) })?;
+    let answer = perception.call_any("scene", &request, options).await?;
+    Ok(ScenePart::from_payload(&answer.payload)?.stamp_ns)
+}
+
 /// A scene, whole, from whichever perception worker has it.
 ///
 /// # Errors
