@@ -20,6 +20,8 @@ use crate::robot_link::{RobotLink, ToRest};
 use crate::wire;
 use crate::worker::Worker;
 
+/// How long perception may take to send a scene.
+const SCENE_WITHIN: Duration = Duration::from_secs(30);
 /// How long perception may take to say when it last saw a scene.
 const STAMP_WITHIN: Duration = Duration::from_secs(1);
 
@@ -61,17 +63,18 @@ impl Endpoints {
         }
         let started = std::time::Instant::now();
         let options = CallOptions::for_call(call);
-        let options = CallOptions { deadline: options.deadline / 2, ..options };
+        let options = CallOptions { deadline: SCENE_WITHIN.min(options.deadline / 2), ..options };
         let fetched = fetch_scene(&self.perception, scene_id, &options).await;
         call.stage("scene", started.elapsed().as_secs_f64() * 1e3);
         fetched.inspect_err(|error| tracing::debug!(scene_id, %error, "perception has no scene to plan on")).ok()
     }
 
-    /// The scene of a request by its id that is to be planned on: as [`Self::missing_scene`], and one that has been held for long as perception has seen
-    /// it since. The same content has one id whenever it is seen, and what was planned on it can be carried out for as long as its sighting is young.
-    async fn scene_to_plan_on(&self, scene_id: &str, call: &Call) -> Option<Scene> {
+    /// The scene of a request by its id that a way is checked against: as [`Self::missing_scene`], and one that is held for longer than it passes for
+    /// young as perception has seen it since. The same content has one id whenever it is seen, and what is planned on it can be carried out for as
+    /// long as its sighting is young.
+    async fn scene_seen_last(&self, scene_id: &str, young_for: Duration, call: &Call) -> Option<Scene> {
         let Some(held) = self.worker.scene(scene_id) else { return self.missing_scene(scene_id, call).await };
-        if held.held_for() < self.young_for || self.perception.workers().is_empty() {
+        if held.held_for() < young_for || self.perception.workers().is_empty() {
             return None;
         }
         let options = CallOptions::for_call(call);
@@ -88,7 +91,7 @@ impl Endpoints {
             true => call.timed("decode", || disclose::<MotionPlanRequest>(&call.payload.decode_bulk(MotionPlanRequest::SCHEMA)?))?,
             false => {
                 let request: MotionPlanRequest = call.payload.decode_json()?;
-                let scene = self.scene_to_plan_on(&request.scene.scene_id, call).await;
+                let scene = self.scene_seen_last(&request.scene.scene_id, self.young_for, call).await;
                 (request, scene)
             }
         };
@@ -172,7 +175,15 @@ impl Endpoints {
     async fn recover(&self, call: &Call) -> Result<Payload, CallError> {
         let (request, scene) = match call.payload.is_bulk() {
             true => call.timed("decode", || disclose::<RecoverRequest>(&call.payload.decode_bulk(RecoverRequest::SCHEMA)?))?,
-            false => (call.payload.decode_json()?, None),
+            false => {
+                let request: RecoverRequest = call.payload.decode_json()?;
+                let scene = match &request.scene {
+                    // What stands there now counts, however young it was before.
+                    Some(named) => self.scene_seen_last(&named.scene_id, Duration::ZERO, call).await,
+                    None => None,
+                };
+                (request, scene)
+            }
         };
         let state = self.link.state(&request.robot).await?;
         check_free(&state)?;

@@ -10,9 +10,9 @@ use async_trait::async_trait;
 use common::{NOW_NS, plan};
 use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
-use repose_proto::motion::{MotionPlan, MotionPlanRequest};
+use repose_proto::motion::{MotionPlan, MotionPlanRequest, RecoverRequest, RecoveryMove};
 use repose_proto::perception::SceneRequest;
-use repose_proto::{CallError, ErrorCode, Payload, RigidTransform, Scene, Service};
+use repose_proto::{CallError, ErrorCode, Payload, RigidTransform, Scene, SceneRef, Service};
 use repose_runtime::{Call, CallOptions, Handler, Session, Shutdown};
 
 /// A perception that has one scene, and has seen it at one time or another.
@@ -61,6 +61,12 @@ async fn the_scene_of_a_plan_that_another_worker_made_is_asked_of_perception() {
     let plan = MotionPlan { scene_id: perception.scene.id(), query: 77, ..plan() };
     let refused = call("execute", Payload::json(&plan).unwrap()).await;
     assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::NotFound, Some("query")), "{refused}");
+    // And so is the scene that an arm's way back is checked against, or when it was seen.
+    let asked = perception.asked.load(Ordering::Acquire);
+    let scene = Some(SceneRef { scene_id: perception.scene.id() });
+    let back = RecoverRequest { robot: "panda".to_owned(), motion: RecoveryMove::Home, scene };
+    let refused = call("recover", Payload::json(&back).unwrap()).await;
+    assert!(perception.asked.load(Ordering::Acquire) > asked, "no robot tells its state here: {refused}");
     perceiving.drain().await;
     shutdown.trigger();
     moving.await.unwrap().unwrap();

@@ -322,7 +322,7 @@ impl Caller {
 }
 
 /// Whether a worker refused a request because it does not hold the request's scene.
-pub(crate) fn lacks_scene(error: &CallError) -> bool {
+pub fn lacks_scene(error: &CallError) -> bool {
     error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|field| field == "scene_id" || field.ends_with(".scene_id"))
 }
 
