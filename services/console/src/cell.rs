@@ -7,8 +7,6 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-use nalgebra::Isometry3;
-use repose_geometry::transform::from_row_major;
 use repose_pictures::jpeg;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys};
@@ -18,7 +16,7 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
 
 use crate::ConsoleConfig;
-use crate::arm::{PlanShown, link_poses};
+use crate::arm::{PlanShown, link_poses, world_from_base};
 use crate::arrangement::ArrangementShown;
 use crate::messages::{Activity, RobotShown, ServerMessage, StepShown, SystemShown, WorkerShown};
 use crate::stage::GoalStage;
@@ -215,17 +213,8 @@ impl WatchedCell {
         self.shared.audience.tell(&Topic::Plan, &message);
     }
 
-    /// Shows no planned motion any more where it is this one that is shown.
-    pub fn hide_plan(&self, id: &str) {
-        self.hide_plan_where(|shown| shown.plan == id);
-    }
-
-    /// Shows no planned motion of a robot any more, as one that moves leaves the place that it begins at. One of another robot stays.
-    pub fn hide_plan_of(&self, robot: &str) {
-        self.hide_plan_where(|shown| shown.robot == robot);
-    }
-
-    fn hide_plan_where(&self, is_over: impl FnOnce(&PlanShown) -> bool) {
+    /// Shows no planned motion any more, where it is one that `is_over`.
+    pub fn hide_plan(&self, is_over: impl FnOnce(&PlanShown) -> bool) {
         let mut known = locked(&self.shared.known);
         if known.plan.take_if(|shown| is_over(shown)).is_some() {
             self.shared.audience.tell(&Topic::Plan, &ServerMessage::Plan { shown: None }.encode());
@@ -488,11 +477,6 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
         // The next one comes soon.
         Err(error) => tracing::debug!(camera = summary.camera, %error, "a scene that cannot be shown"),
     }
-}
-
-/// Where a robot's base stands, as its state says; at the world's origin where it does not.
-pub fn world_from_base(state: &RobotState) -> Isometry3<f64> {
-    state.world_from_base.and_then(|pose| from_row_major(&pose.0).ok()).unwrap_or_else(Isometry3::identity)
 }
 
 /// Computes beside the async threads.

@@ -12,8 +12,8 @@ use repose_proto::{CallError, Message as _, Payload, Scene, Service};
 use repose_runtime::{Answer, CallOptions, call_moving};
 use tokio::sync::mpsc;
 
-use crate::arm::PlanShown;
-use crate::cell::{WatchedCell, world_from_base};
+use crate::arm::{PlanShown, world_from_base};
+use crate::cell::WatchedCell;
 use crate::messages::{ExecutionEnded, ExecutionShown};
 
 /// Progress that may wait; what does not fit is dropped.
@@ -46,7 +46,8 @@ pub fn shown(plan: &MotionPlan, robot: &RobotState) -> Arc<PlanShown> {
 pub async fn execute(cell: &WatchedCell, id: String, plan: &MotionPlan) -> Result<Answer, CallError> {
     let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
     let mut shown = ExecutionShown { id, robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None, said: Vec::new() };
-    cell.hide_plan_of(&plan.robot);
+    // It leaves the place that any other motion of its begins at.
+    cell.hide_plan(|shown| shown.robot == plan.robot);
     cell.update(|activity| activity.show_execution(&shown, false));
     let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
     let calling = async { moving(cell, "execute", Payload::json(plan)?, Some(sender)).await };

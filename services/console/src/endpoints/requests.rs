@@ -86,7 +86,7 @@ impl Viewer {
             everywhere.leave(self.id);
         }
         if let (Some(cell), Some(DisplayedPlan { id: plan, .. })) = (&eyes.cell, &eyes.plan) {
-            cell.hide_plan(plan);
+            cell.hide_plan(|shown| shown.plan == *plan);
         }
         leave(self.id, &eyes);
     }
@@ -156,7 +156,7 @@ impl Viewer {
             Ask::Discard { plan } => {
                 // Everybody in the cell is shown the id: one that is another's stays.
                 if self.eyes().plan.take_if(|known| known.id == plan).is_some() {
-                    self.cell()?.hide_plan(&plan);
+                    self.cell()?.hide_plan(|shown| shown.plan == plan);
                 }
                 Ok(Answered::Done {})
             }
@@ -236,7 +236,7 @@ impl Viewer {
             leave(self.id, &before);
             // Nobody can carry it out any more, and those who still look at that cell would see it as the motion to come.
             if let (false, Some(old), Some(DisplayedPlan { id: plan, .. })) = (is_same, &before.cell, &plan) {
-                old.hide_plan(plan);
+                old.hide_plan(|shown| shown.plan == *plan);
             }
             if is_same {
                 (eyes.held, eyes.plan) = (held, plan);

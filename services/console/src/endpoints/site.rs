@@ -41,7 +41,7 @@ impl OnDisplay {
 impl Drop for OnDisplay {
     fn drop(&mut self) {
         if let Some(plan) = self.plan.get_mut().unwrap_or_else(PoisonError::into_inner).take() {
-            self.cell.hide_plan(&plan);
+            self.cell.hide_plan(|shown| shown.plan == plan);
         }
     }
 }
