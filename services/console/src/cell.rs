@@ -36,8 +36,10 @@ const PICTURES: usize = 8;
 const VIEWS: usize = 6;
 /// How long to wait for a cell's first camera.
 const CAMERA_WITHIN: Duration = Duration::from_secs(2);
-/// How long perception may take to send a scene.
-const SCENE_WITHIN: Duration = Duration::from_secs(5);
+/// How long perception may take to say what its newest scene is.
+const NEWEST_WITHIN: Duration = Duration::from_secs(5);
+/// How long perception may take to send a scene: a link of 1.3 Mbit/s, and a fifth of that where scenes come packed.
+const SCENE_WITHIN: Duration = Duration::from_secs(30);
 /// How often a camera that is looked at is asked for its newest scene; sooner than perception takes nobody to ask.
 const ASK_PERIOD: Duration = Duration::from_secs(4);
 
@@ -357,7 +359,7 @@ impl Shared {
     }
 
     async fn newest(&self, camera: &str) -> Result<SceneSummary, CallError> {
-        fetch_newest(&self.callers[&Service::Perception], camera, &CallOptions::within(SCENE_WITHIN)).await
+        fetch_newest(&self.callers[&Service::Perception], camera, &CallOptions::within(NEWEST_WITHIN)).await
     }
 }
 
@@ -454,13 +456,16 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
     let scene_id = summary.scene_id.clone();
     let picture = locked(&seen.pictures).iter().find(|p| p.stamp_ns == summary.stamp_ns).cloned();
     // Where nothing changes the id stays: one that came before the first frame gets its picture from a later one, which shows the same.
-    let is_shown = |v: &Arc<SceneView>| v.scene_id == scene_id && (v.frame.is_some() || picture.is_none());
-    if locked(&seen.views).back().is_some_and(is_shown) {
+    let shown = locked(&seen.views).back().filter(|view| view.scene_id == scene_id).cloned();
+    if shown.as_ref().is_some_and(|view| view.frame.is_some() || picture.is_none()) {
         return;
     }
-    let (name, cloud_points) = (cell.name.clone(), cell.config.cloud_points);
+    let (name, cloud_points, stamp_ns) = (cell.name.clone(), cell.config.cloud_points, summary.stamp_ns);
     let made = async {
-        let scene = cell.scene(&scene_id).await?;
+        let scene = match shown {
+            Some(view) => Scene { stamp_ns, ..(*view.scene).clone() },
+            None => cell.scene(&scene_id).await?,
+        };
         computed(move || SceneView::new(ViewReason::Live, name, scene_id, scene.into(), picture.as_ref(), cloud_points)).await
     };
     match made.await {
