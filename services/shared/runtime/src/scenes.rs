@@ -243,10 +243,11 @@ const ASK_AGAIN: Duration = Duration::from_millis(20);
 
 /// One part. Whoever looks at a cell asks for a new scene at once, each for many parts, and a worker that is full refuses some: these are asked for
 /// again, as the others are on their way. A worker reckons by what a segmentation takes when it says when to come back, and a part takes it no time:
-/// a long wait is no reason to give up at once.
+/// a long wait is no reason to give up at once. That a part is long on its way, behind others, is no reason to ask for it again.
 async fn fetch_part(perception: &Caller, request: &Payload, options: &CallOptions, deadline: Instant) -> Result<Answer, CallError> {
     loop {
-        let full = match perception.call_any("scene", request, &options.until(deadline)).await {
+        let once = CallOptions { leaves_slow: false, ..options.until(deadline) };
+        let full = match perception.call_any("scene", request, &once).await {
             Err(error) if error.code == ErrorCode::ResourceExhausted => error,
             ended => return ended,
         };
