@@ -1,10 +1,10 @@
 //! Where the arm's links are: for a robot's state, and along a plan.
 
 use nalgebra::Isometry3;
-use repose_geometry::transform::to_row_major;
+use repose_geometry::transform::{from_row_major, to_row_major};
 use repose_panda::{Joints, LinkFrames, hermite};
 use repose_proto::motion::{MotionPlan, NotChosen};
-use repose_proto::robot::SetPoint;
+use repose_proto::robot::{RobotState, SetPoint};
 use serde::Serialize;
 
 /// Links that are drawn: the base, links 1 to 7, the hand.
@@ -14,6 +14,11 @@ const POSES: usize = 160;
 
 /// Every drawn link's `world_from_link`, row-major without the last row.
 pub type LinkPoses = [[f32; 12]; DRAWN];
+
+/// Where a robot's base stands, as its state says; at the world's origin where it does not.
+pub fn world_from_base(state: &RobotState) -> Isometry3<f64> {
+    state.world_from_base.and_then(|pose| from_row_major(&pose.0).ok()).unwrap_or_else(Isometry3::identity)
+}
 
 /// The links at `joints`.
 pub fn link_poses(world_from_base: &Isometry3<f64>, joints: &Joints) -> LinkPoses {

@@ -7,8 +7,6 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-use nalgebra::Isometry3;
-use repose_geometry::transform::from_row_major;
 use repose_pictures::jpeg;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys};
@@ -18,7 +16,7 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
 
 use crate::ConsoleConfig;
-use crate::arm::{PlanShown, link_poses};
+use crate::arm::{PlanShown, link_poses, world_from_base};
 use crate::arrangement::ArrangementShown;
 use crate::messages::{Activity, RobotShown, ServerMessage, StepShown, SystemShown, WorkerShown};
 use crate::robots::KnownRobots;
@@ -37,8 +35,10 @@ const PICTURES: usize = 8;
 const VIEWS: usize = 6;
 /// How long to wait for a cell's first camera.
 const CAMERA_WITHIN: Duration = Duration::from_secs(2);
-/// How long perception may take to send a scene.
-const SCENE_WITHIN: Duration = Duration::from_secs(5);
+/// How long perception may take to say what its newest scene is.
+const NEWEST_WITHIN: Duration = Duration::from_secs(5);
+/// How long perception may take to send a scene: a link of 1.3 Mbit/s, and a fifth of that where scenes come packed.
+const SCENE_WITHIN: Duration = Duration::from_secs(30);
 /// How often a camera that is looked at is asked for its newest scene; sooner than perception takes nobody to ask.
 const ASK_PERIOD: Duration = Duration::from_secs(4);
 
@@ -66,7 +66,7 @@ struct Parts {
     robots: KnownRobots,
     activity: Activity,
     /// The plan that is shown.
-    plan: Option<String>,
+    plan: Option<Arc<PlanShown>>,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -207,18 +207,17 @@ impl WatchedCell {
 
     /// Shows everyone a motion that was planned.
     pub fn show_plan(&self, shown: Arc<PlanShown>) {
-        let (plan, message) = (shown.plan.clone(), ServerMessage::Plan { shown: Some(shown) }.encode());
+        let message = ServerMessage::Plan { shown: Some(shown.clone()) }.encode();
         let mut known = locked(&self.shared.known);
-        known.plan = Some(plan);
+        known.plan = Some(shown);
         // Told before it can be hidden, as in `update`.
         self.shared.audience.tell(&Topic::Plan, &message);
     }
 
-    /// Shows no planned motion any more; with an id, only where it is that one that is shown.
-    pub fn hide_plan(&self, id: Option<&str>) {
+    /// Shows no planned motion any more, where it is one that `is_over`.
+    pub fn hide_plan(&self, is_over: impl FnOnce(&PlanShown) -> bool) {
         let mut known = locked(&self.shared.known);
-        let hidden = known.plan.take_if(|shown| id.is_none_or(|id| shown == id));
-        if hidden.is_some() {
+        if known.plan.take_if(|shown| is_over(shown)).is_some() {
             self.shared.audience.tell(&Topic::Plan, &ServerMessage::Plan { shown: None }.encode());
         }
     }
@@ -356,7 +355,7 @@ impl Shared {
     }
 
     async fn newest(&self, camera: &str) -> Result<SceneSummary, CallError> {
-        fetch_newest(&self.callers[&Service::Perception], camera, &CallOptions::within(SCENE_WITHIN)).await
+        fetch_newest(&self.callers[&Service::Perception], camera, &CallOptions::within(NEWEST_WITHIN)).await
     }
 }
 
@@ -453,13 +452,16 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
     let scene_id = summary.scene_id.clone();
     let picture = locked(&seen.pictures).iter().find(|p| p.stamp_ns == summary.stamp_ns).cloned();
     // Where nothing changes the id stays: one that came before the first frame gets its picture from a later one, which shows the same.
-    let is_shown = |v: &Arc<SceneView>| v.scene_id == scene_id && (v.frame.is_some() || picture.is_none());
-    if locked(&seen.views).back().is_some_and(is_shown) {
+    let shown = locked(&seen.views).back().filter(|view| view.scene_id == scene_id).cloned();
+    if shown.as_ref().is_some_and(|view| view.frame.is_some() || picture.is_none()) {
         return;
     }
-    let (name, cloud_points) = (cell.name.clone(), cell.config.cloud_points);
+    let (name, cloud_points, stamp_ns) = (cell.name.clone(), cell.config.cloud_points, summary.stamp_ns);
     let made = async {
-        let scene = cell.scene(&scene_id).await?;
+        let scene = match shown {
+            Some(view) => Scene { stamp_ns, ..(*view.scene).clone() },
+            None => cell.scene(&scene_id).await?,
+        };
         computed(move || SceneView::new(ViewReason::Live, name, scene_id, scene.into(), picture.as_ref(), cloud_points)).await
     };
     match made.await {
@@ -476,11 +478,6 @@ async fn show_scene(cell: &Shared, summary: &SceneSummary, seen: &Seen) {
         // The next one comes soon.
         Err(error) => tracing::debug!(camera = summary.camera, %error, "a scene that cannot be shown"),
     }
-}
-
-/// Where a robot's base stands, as its state says; at the world's origin where it does not.
-pub fn world_from_base(state: &RobotState) -> Isometry3<f64> {
-    state.world_from_base.and_then(|pose| from_row_major(&pose.0).ok()).unwrap_or_else(Isometry3::identity)
 }
 
 /// Computes beside the async threads.

@@ -2,7 +2,7 @@
 //!
 //! [`run`] serves it over HTTP and WebSockets to any number of viewers. The page's files are in the program ([`page`]). Everything a viewer
 //! is told goes through its [`viewers::Outbox`], where a newer message of a kind takes the place of an older one that still waits, so that a
-//! slow viewer slows nobody. [`cell`] follows a cell while somebody looks; [`endpoints`] answers what viewers ask. [`access`] says who may.
+//! slow viewer slows nobody; over a slow link the page keeps a [`pace`]. [`cell`] follows a cell while somebody looks; [`endpoints`] answers what viewers ask. [`access`] says who may.
 
 pub mod access;
 pub mod arm;
@@ -11,7 +11,9 @@ pub mod cell;
 pub mod config;
 pub mod endpoints;
 pub mod messages;
+pub mod pace;
 pub mod page;
+pub mod parts;
 pub mod robots;
 pub mod stage;
 pub mod system;

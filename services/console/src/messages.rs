@@ -41,6 +41,8 @@ pub enum Ask {
         /// Which of the two.
         what: DrawnMessage,
     },
+    /// A message, whichever came next, is here: asked by viewers of a paced socket of each. Has no answer.
+    Received,
     /// Keep a scene that was shown: goals are about it until another is held.
     Hold {
         /// The scene's id.
@@ -150,7 +152,9 @@ impl Ask {
     /// The least role that may ask it.
     pub fn needs(&self) -> Role {
         match self {
-            Self::Watch { .. } | Self::Seen { .. } | Self::Hold { .. } | Self::Cancel { .. } | Self::Discard { .. } => Role::Viewer,
+            Self::Watch { .. } | Self::Seen { .. } | Self::Received | Self::Hold { .. } | Self::Cancel { .. } | Self::Discard { .. } => {
+                Role::Viewer
+            }
             Self::Segment { .. } | Self::Place { .. } | Self::Plan { .. } | Self::Arrange { .. } => Role::Planner,
             Self::Execute { .. }
             | Self::Sequence { .. }

@@ -39,7 +39,7 @@ macro_rules! files {
 pub const INDEX: &str = include_str!("../page/index.html");
 
 /// Everything that the page loads.
-pub static FILES: [File; 25] = files! {
+pub static FILES: [File; 26] = files! {
     "css/page.css": "text/css; charset=utf-8",
     "icon.svg": "image/svg+xml",
     "js/activity.js": "text/javascript; charset=utf-8",
@@ -57,6 +57,7 @@ pub static FILES: [File; 25] = files! {
     "js/placements.js": "text/javascript; charset=utf-8",
     "js/scene.js": "text/javascript; charset=utf-8",
     "js/sign_in.js": "text/javascript; charset=utf-8",
+    "js/stored.js": "text/javascript; charset=utf-8",
     "js/system.js": "text/javascript; charset=utf-8",
     "js/theme.js": "text/javascript; charset=utf-8",
     "js/tip.js": "text/javascript; charset=utf-8",

@@ -1,7 +1,8 @@
 //! What waits for each viewer: one place per topic, where the newest message takes the place of an older one.
 //!
 //! So a viewer that reads slowly gets fewer and newer messages, never a growing queue, and whoever sends never waits. Answers to a viewer's
-//! own requests have a topic each; a viewer that leaves too many of them unread is let go.
+//! own requests have a topic each; a viewer that leaves too many of them unread is let go. To a viewer that keeps a [`Pace`], large messages go
+//! in [`Parts`], and others go between them.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,6 +14,8 @@ use repose_proto::Bulk;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
+use crate::pace::Pace;
+use crate::parts::{Form, Parts};
 use crate::view::SceneView;
 
 /// Topics that may wait for one viewer: all there are, robots and open requests included, with room to spare.
@@ -59,6 +62,29 @@ pub enum ViewerMessage {
 }
 
 impl ViewerMessage {
+    fn form(&self) -> Form {
+        match self {
+            Self::Text(_) => Form::Text,
+            Self::Binary(_) | Self::View(_) => Form::Bulk,
+        }
+    }
+
+    fn length(&self) -> usize {
+        match self {
+            Self::Text(text) => text.len(),
+            Self::Binary(bytes) => bytes.len(),
+            Self::View(view) => view.bytes.len(),
+        }
+    }
+
+    fn bytes(&self) -> Bytes {
+        match self {
+            Self::Text(text) => Bytes::copy_from_slice(text.as_bytes()),
+            Self::Binary(bytes) => bytes.clone(),
+            Self::View(view) => view.bytes.clone(),
+        }
+    }
+
     /// The same as it is told this much later: with its age, without which it would pass for what was just seen.
     fn told_late(&self, age: Duration) -> Self {
         let age_ms = age.as_millis();
@@ -77,7 +103,38 @@ impl ViewerMessage {
     }
 }
 
+/// What goes to a viewer next.
+pub enum Outgoing {
+    /// A message.
+    Whole(ViewerMessage),
+    /// A part of a message.
+    Part {
+        /// The bulk form.
+        bytes: Bytes,
+        /// The scene that it is the first part of.
+        begins: Option<Arc<SceneView>>,
+    },
+}
+
 impl Topic {
+    /// Its name: what a part is said to be of.
+    fn name(&self) -> String {
+        match self {
+            Self::Welcome => "welcome".to_owned(),
+            Self::Cells => "cells".to_owned(),
+            Self::Watching => "watching".to_owned(),
+            Self::System => "system".to_owned(),
+            Self::Picture => "picture".to_owned(),
+            Self::Scene => "scene".to_owned(),
+            Self::Segmented => "segmented".to_owned(),
+            Self::Robot(robot) => format!("robot {robot}"),
+            Self::Activity => "activity".to_owned(),
+            Self::Plan => "plan".to_owned(),
+            Self::Progress(id) => format!("progress {id}"),
+            Self::Answer(id) => format!("answer {id}"),
+        }
+    }
+
     /// Whether viewers take its messages for what is so now.
     fn is_live(&self) -> bool {
         matches!(self, Self::Picture | Self::Robot(_))
@@ -103,20 +160,82 @@ struct Waiting {
     /// In the order in which the topics' oldest unread messages came.
     order: VecDeque<Topic>,
     newest: BTreeMap<Topic, ViewerMessage>,
-    /// Sent, and not yet said to be seen.
+    /// Of which nothing more is sent for now: a message of theirs was begun, or was not yet said to be seen.
     on_its_way: BTreeSet<Topic>,
+    /// Messages of which parts were sent, and not all of them; they take turns.
+    begun: VecDeque<(Topic, Parts)>,
+    /// Whether it is their turn before what waits.
+    is_turn_of_begun: bool,
+    /// That of a viewer that says what has come.
+    pace: Option<Pace>,
     is_closed: bool,
 }
 
 impl Waiting {
-    fn take(&mut self) -> Option<ViewerMessage> {
-        let at = self.order.iter().position(|topic| !self.on_its_way.contains(topic))?;
-        let topic = self.order.remove(at)?;
-        let message = self.newest.remove(&topic);
-        if topic.waits_for_viewer() {
-            self.on_its_way.insert(topic);
+    /// What goes next. What waits and what was begun take turns: neither a scene keeps robots back, nor they a scene.
+    fn take(&mut self) -> Option<Outgoing> {
+        if self.pace.as_ref().is_some_and(|pace| !pace.has_room()) {
+            return None;
         }
-        message
+        let waits = self.order.iter().position(|topic| !self.on_its_way.contains(topic));
+        match waits {
+            Some(at) if !self.is_turn_of_begun || self.begun.is_empty() => {
+                self.is_turn_of_begun = true;
+                self.begin(at)
+            }
+            _ => {
+                self.is_turn_of_begun = false;
+                self.next_part().map(|bytes| Outgoing::Part { bytes, begins: None })
+            }
+        }
+    }
+
+    /// The message, or the first part of it, of the topic at a place of the order.
+    fn begin(&mut self, at: usize) -> Option<Outgoing> {
+        let topic = self.order.remove(at)?;
+        let message = self.newest.remove(&topic)?;
+        if topic.waits_for_viewer() {
+            self.on_its_way.insert(topic.clone());
+        }
+        let Some(pace) = &mut self.pace else { return Some(Outgoing::Whole(message)) };
+        if message.length() <= pace.part_bytes() {
+            pace.sends(message.length());
+            return Some(Outgoing::Whole(message));
+        }
+        self.on_its_way.insert(topic.clone());
+        let parts = Parts::new(topic.name(), message.form(), message.bytes());
+        self.begun.push_front((topic, parts));
+        let begins = if let ViewerMessage::View(view) = message { Some(view) } else { None };
+        self.next_part().map(|bytes| Outgoing::Part { bytes, begins })
+    }
+
+    /// The next part of the message whose turn it is of those that were begun.
+    fn next_part(&mut self) -> Option<Bytes> {
+        let pace = self.pace.as_mut()?;
+        let (topic, mut parts) = self.begun.pop_front()?;
+        let part = parts.next(pace.part_bytes());
+        pace.sends(part.len());
+        if !parts.are_sent() {
+            self.begun.push_back((topic, parts));
+        } else if !topic.waits_for_viewer() {
+            self.on_its_way.remove(&topic);
+        }
+        Some(part)
+    }
+
+    /// Drops all that is not sent yet of some topics.
+    fn forget(&mut self, is_out_of_date: impl Fn(&Topic) -> bool) {
+        let Self { order, newest, on_its_way, begun, .. } = self;
+        order.retain(|topic| !is_out_of_date(topic));
+        newest.retain(|topic, _| !is_out_of_date(topic));
+        begun.retain(|(topic, _)| {
+            let stays = !is_out_of_date(topic);
+            if !stays {
+                // It never comes to its end, and is never said to be seen.
+                on_its_way.remove(topic);
+            }
+            stays
+        });
     }
 }
 
@@ -129,6 +248,12 @@ pub struct Outbox {
 }
 
 impl Outbox {
+    /// That of a viewer that says of everything that it has come: see [`Outbox::received`].
+    pub fn paced() -> Self {
+        let waiting = Waiting { pace: Some(Pace::default()), ..Waiting::default() };
+        Self { waiting: Mutex::new(waiting), ..Self::default() }
+    }
+
     fn waiting(&self) -> MutexGuard<'_, Waiting> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -141,7 +266,7 @@ impl Outbox {
         }
         if waiting.newest.insert(topic.clone(), message).is_some() {
             self.replaced.fetch_add(1, Ordering::Relaxed);
-        } else if waiting.order.len() < MAX_WAITING {
+        } else if waiting.order.len() + waiting.begun.len() < MAX_WAITING {
             waiting.order.push_back(topic);
         } else {
             *waiting = Waiting { is_closed: true, ..Waiting::default() };
@@ -150,8 +275,8 @@ impl Outbox {
         self.changed.notify_one();
     }
 
-    /// The next message; none once closed. For one reader at a time. Cancel safe.
-    pub async fn next(&self) -> Option<ViewerMessage> {
+    /// The next message, or part of one; none once closed. For one reader at a time. Cancel safe.
+    pub async fn next(&self) -> Option<Outgoing> {
         loop {
             {
                 let mut waiting = self.waiting();
@@ -166,11 +291,17 @@ impl Outbox {
         }
     }
 
-    /// Drops what waits of some topics.
+    /// Drops what waits of some topics, and what is left to be sent of messages that were begun.
     pub fn forget(&self, is_out_of_date: impl Fn(&Topic) -> bool) {
-        let mut waiting = self.waiting();
-        waiting.order.retain(|topic| !is_out_of_date(topic));
-        waiting.newest.retain(|topic, _| !is_out_of_date(topic));
+        self.waiting().forget(is_out_of_date);
+    }
+
+    /// The message or part that was sent first, of those of which this was not yet said, has come to the viewer.
+    pub fn received(&self) {
+        if let Some(pace) = &mut self.waiting().pace {
+            pace.has_come();
+        }
+        self.changed.notify_one();
     }
 
     /// The viewer has seen the last message of a topic.
@@ -248,8 +379,8 @@ mod tests {
 
     async fn next(outbox: &Outbox) -> Option<String> {
         outbox.next().await.map(|message| match message {
-            ViewerMessage::Text(text) => text.to_string(),
-            ViewerMessage::Binary(_) | ViewerMessage::View(_) => panic!("expected text"),
+            Outgoing::Whole(ViewerMessage::Text(text)) => text.to_string(),
+            _ => panic!("expected text"),
         })
     }
 
@@ -360,7 +491,7 @@ mod tests {
         tokio::time::advance(Duration::from_secs(3600)).await;
         audience.join(2, late.clone());
         for (outbox, age) in [(early, None), (late, Some("3600000"))] {
-            let Some(ViewerMessage::Binary(bytes)) = outbox.next().await else { panic!("expected a picture") };
+            let Some(Outgoing::Whole(ViewerMessage::Binary(bytes))) = outbox.next().await else { panic!("expected a picture") };
             let told = Bulk::decode(&bytes).expect("bulk");
             assert_eq!((told.text("kind"), told.metadata.get("age_ms").map(String::as_str)), (Ok("picture"), age));
             assert_eq!(told.tensors["jpeg"].bytes, [1, 2, 3]);

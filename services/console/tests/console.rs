@@ -23,6 +23,7 @@ use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
+use tokio_tungstenite::connect_async;
 use tokio_tungstenite::tungstenite::{Error, Message};
 
 /// Sends a request over a socket of its own; status, headers and body.
@@ -135,6 +136,29 @@ async fn a_viewer_sees_the_robot_and_anybody_stops_it() {
     assert!(status == 200, "{status} {body}");
     let (status, _, body) = http(console.address, "POST", "/stop", &[], r#"{"cell": "cell", "robot": "Not A Robot"}"#).await;
     assert!(status == 400 && body.contains("\"field\":\"robot\""), "{body}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_paced_viewer_is_told_more_as_it_says_that_what_was_told_has_come() {
+    let console = start(ConsoleConfig { robot_period_ms: 10, ..ConsoleConfig::default() }).await;
+    robot(&console.session).await;
+    let address = format!("ws://{}/socket?paced", console.address);
+    let mut viewer = connect_async(address).await.expect("a socket").0;
+    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    // Until the console has nothing on its way any more: pings are no messages.
+    let (mut messages, mut bytes) = (0, 0);
+    while let Ok(Some(Ok(message))) = tokio::time::timeout(Duration::from_secs(1), viewer.next()).await {
+        if message.is_text() || message.is_binary() {
+            (messages, bytes) = (messages + 1, bytes + message.len());
+        }
+    }
+    assert!(messages > 3 && bytes < 40_000, "{messages} messages, {bytes} bytes");
+    let stop = r#"{"cell": "cell", "robot": "panda", "reason": "a person is in the way"}"#;
+    assert_eq!(http(console.address, "POST", "/stop", &[], stop).await.0, 200);
+    for _ in 0..messages {
+        ask(&mut viewer, json!({"id": 0, "ask": "received"})).await;
+    }
+    heard(&mut viewer, |m| m["kind"] == "robot" && m["state"]["mode"] == "stopped").await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

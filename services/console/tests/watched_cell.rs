@@ -5,7 +5,7 @@ use std::sync::{Arc, Barrier};
 use repose_console::ConsoleConfig;
 use repose_console::cell::WatchedCell;
 use repose_console::messages::SequenceShown;
-use repose_console::viewers::{Outbox, ViewerMessage};
+use repose_console::viewers::{Outbox, Outgoing, ViewerMessage};
 use repose_runtime::Session;
 
 /// How often two change it at once.
@@ -18,7 +18,7 @@ async fn told(cell: &WatchedCell) -> Arc<str> {
     cell.audience().leave(1);
     loop {
         match outbox.next().await.expect("the activity is told") {
-            ViewerMessage::Text(text) if text.contains(r#""kind":"activity""#) => return text,
+            Outgoing::Whole(ViewerMessage::Text(text)) if text.contains(r#""kind":"activity""#) => return text,
             _ => {}
         }
     }

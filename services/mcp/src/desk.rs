@@ -5,13 +5,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, ErrorCode, Service};
+use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service};
 use repose_runtime::{CallOptions, Caller, SceneStore, Session, fetch_newest, fetch_scene, robot_state};
 use tokio::time::Instant;
 
 use crate::McpError;
 use crate::plans::Plans;
-use crate::seen::ShownScene;
+use crate::seen::{ShownScene, handle};
 use crate::settings::McpSettings;
 
 /// Scenes held for agents that name them, and their bytes.
@@ -95,8 +95,7 @@ impl Desk {
         loop {
             let summary = fetch_newest(&self.perception, camera, &CallOptions::default().until(deadline)).await?;
             if summary.stamp_ns > instant_ns {
-                let scene = fetch_scene(&self.perception, &summary.scene_id, &CallOptions::default().until(deadline)).await?;
-                let seen = Arc::new(ShownScene { scene_id: summary.scene_id, scene });
+                let seen = Arc::new(self.seen(summary, deadline).await?);
                 // A scene that looks the same to the last point has the same id and a later stamp.
                 return Ok(self.scenes.keep_over(seen.clone().handle(), seen, |_| true));
             }
@@ -107,6 +106,17 @@ impl Desk {
             }
             tokio::time::sleep_until(next).await;
         }
+    }
+
+    /// The scene of a summary. One that is held and looks the same to the last point has its id, and is not sent again.
+    async fn seen(&self, summary: SceneSummary, deadline: Instant) -> Result<ShownScene, CallError> {
+        let SceneSummary { scene_id, stamp_ns, .. } = summary;
+        let held = self.scenes.get(handle(&scene_id)).ok().filter(|held| held.scene_id == scene_id);
+        let scene = match held {
+            Some(held) => Scene { stamp_ns, ..held.scene.clone() },
+            None => fetch_scene(&self.perception, &scene_id, &CallOptions::default().until(deadline)).await?,
+        };
+        Ok(ShownScene { scene_id, scene })
     }
 
     /// What the robot says of itself.

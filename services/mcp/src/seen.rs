@@ -17,7 +17,7 @@ pub struct ShownScene {
 impl ShownScene {
     /// What agents call it.
     pub fn handle(&self) -> &str {
-        &self.scene_id[..HANDLE.min(self.scene_id.len())]
+        handle(&self.scene_id)
     }
 
     /// The size of its points, bytes.
@@ -25,4 +25,9 @@ impl ShownScene {
         // Coordinates, label and color of a point.
         self.scene.points.len() * (12 + 2 + 3)
     }
+}
+
+/// What agents call a scene of this id.
+pub fn handle(scene_id: &str) -> &str {
+    &scene_id[..HANDLE.min(scene_id.len())]
 }

@@ -48,6 +48,18 @@ async fn a_look_tells_numbers_colors_sizes_and_relations_and_shows_them() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_view_that_looks_the_same_to_the_last_point_is_not_sent_again() {
+    let cell = start(false).await;
+    let seen = ask(&cell, "look", json!({})).await.expect("an answer").data;
+    cell.world.holds_none.store(true, Ordering::SeqCst);
+    let again = ask(&cell, "look", json!({})).await.expect("an answer").data;
+    assert_eq!((&again["scene"], &again["objects"]), (&seen["scene"], &seen["objects"]));
+    cell.world.push(1, [0.1, 0.0]);
+    let (code, ..) = refused(ask(&cell, "look", json!({})).await);
+    assert_eq!(code, ErrorCode::NotFound, "another view is");
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_plan_is_made_by_number_by_looks_or_in_a_sentence_and_none_says_why() {
     let cell = start(false).await;
     let looked = ask(&cell, "look", json!({})).await.expect("an answer");

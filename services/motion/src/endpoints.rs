@@ -2,6 +2,7 @@
 
 use std::future::Future;
 use std::sync::Arc;
+use std::time::Duration;
 
 use async_trait::async_trait;
 use repose_proto::enclosed::disclose;
@@ -9,7 +10,7 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest};
 use repose_proto::robot::HeldObject;
 use repose_proto::{CallError, Message, Payload, Scene, Service};
-use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, load_of};
+use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, fetch_stamp, load_of};
 
 use crate::client_watch::ClientWatch;
 use crate::config::{MotionConfig, OnClientLoss};
@@ -19,6 +20,11 @@ use crate::robot_link::{RobotLink, ToRest};
 use crate::wire;
 use crate::worker::Worker;
 
+/// How long perception may take to send a scene.
+const SCENE_WITHIN: Duration = Duration::from_secs(30);
+/// How long perception may take to say when it last saw a scene.
+const STAMP_WITHIN: Duration = Duration::from_secs(1);
+
 /// Answers `plan`, `execute`, `reset` and `recover`.
 pub struct Endpoints {
     worker: Arc<Worker>,
@@ -27,6 +33,8 @@ pub struct Endpoints {
     perception: Caller,
     neighbours: Arc<Neighbours>,
     on_client_loss: OnClientLoss,
+    /// How long a held scene passes for as young as it came.
+    young_for: Duration,
 }
 
 impl Endpoints {
@@ -42,6 +50,7 @@ impl Endpoints {
             perception: session.caller(Service::Perception).await?,
             neighbours: Arc::new(Neighbours::follow(session, config.base()?).await?),
             on_client_loss: config.on_client_loss,
+            young_for: Duration::from_millis(config.max_scene_age_ms / 2),
         })
     }
 
@@ -49,15 +58,31 @@ impl Endpoints {
     /// be had so; a caller that has it at hand sends it then.
     async fn missing_scene(&self, scene_id: &str, call: &Call) -> Option<Scene> {
         // Where there is no perception nobody waits for one.
-        if self.worker.holds(scene_id) || self.perception.workers().is_empty() {
+        if self.worker.scene(scene_id).is_some() || self.perception.workers().is_empty() {
             return None;
         }
         let started = std::time::Instant::now();
         let options = CallOptions::for_call(call);
-        let options = CallOptions { deadline: options.deadline / 2, ..options };
+        let options = CallOptions { deadline: SCENE_WITHIN.min(options.deadline / 2), ..options };
         let fetched = fetch_scene(&self.perception, scene_id, &options).await;
         call.stage("scene", started.elapsed().as_secs_f64() * 1e3);
         fetched.inspect_err(|error| tracing::debug!(scene_id, %error, "perception has no scene to plan on")).ok()
+    }
+
+    /// The scene of a request by its id that a way is checked against: as [`Self::missing_scene`], and one that is held for longer than it passes for
+    /// young as perception has seen it since. The same content has one id whenever it is seen, and what is planned on it can be carried out for as
+    /// long as its sighting is young.
+    async fn scene_seen_last(&self, scene_id: &str, young_for: Duration, call: &Call) -> Option<Scene> {
+        let Some(held) = self.worker.scene(scene_id) else { return self.missing_scene(scene_id, call).await };
+        if held.held_for() < young_for || self.perception.workers().is_empty() {
+            return None;
+        }
+        let options = CallOptions::for_call(call);
+        let options = CallOptions { deadline: STAMP_WITHIN.min(options.deadline / 2), ..options };
+        let asked = fetch_stamp(&self.perception, scene_id, &options).await;
+        let stamp_ns =
+            asked.inspect_err(|error| tracing::debug!(scene_id, %error, "perception does not say when it saw a scene")).ok()??;
+        (stamp_ns > held.scene().stamp_ns).then(|| Scene { stamp_ns, ..held.scene().clone() })
     }
 
     /// Ranked placements to a timed motion. The request comes as JSON, or in bulk form with its scene.
@@ -66,7 +91,7 @@ impl Endpoints {
             true => call.timed("decode", || disclose::<MotionPlanRequest>(&call.payload.decode_bulk(MotionPlanRequest::SCHEMA)?))?,
             false => {
                 let request: MotionPlanRequest = call.payload.decode_json()?;
-                let scene = self.missing_scene(&request.scene.scene_id, call).await;
+                let scene = self.scene_seen_last(&request.scene.scene_id, self.young_for, call).await;
                 (request, scene)
             }
         };
@@ -150,7 +175,15 @@ impl Endpoints {
     async fn recover(&self, call: &Call) -> Result<Payload, CallError> {
         let (request, scene) = match call.payload.is_bulk() {
             true => call.timed("decode", || disclose::<RecoverRequest>(&call.payload.decode_bulk(RecoverRequest::SCHEMA)?))?,
-            false => (call.payload.decode_json()?, None),
+            false => {
+                let request: RecoverRequest = call.payload.decode_json()?;
+                let scene = match &request.scene {
+                    // What stands there now counts, however young it was before.
+                    Some(named) => self.scene_seen_last(&named.scene_id, Duration::ZERO, call).await,
+                    None => None,
+                };
+                (request, scene)
+            }
         };
         let state = self.link.state(&request.robot).await?;
         check_free(&state)?;

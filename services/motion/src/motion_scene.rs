@@ -1,6 +1,7 @@
 //! A scene as a worker holds it: what is believed of it is made when it is first planned on, once for all requests.
 
 use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
 
 use repose_proto::{CallError, Scene};
 
@@ -12,22 +13,28 @@ use crate::wire;
 pub struct MotionScene {
     scene: Scene,
     planning: Arc<OnceLock<Result<PlanningScene, CallError>>>,
+    came: Instant,
 }
 
 impl MotionScene {
     /// A scene that nobody has planned on yet.
     pub fn new(scene: Scene) -> Self {
-        Self { scene, planning: Arc::default() }
+        Self { scene, planning: Arc::default(), came: Instant::now() }
     }
 
     /// The same content, seen at another time.
     pub fn seen_again(&self, scene: Scene) -> Self {
-        Self { scene, planning: self.planning.clone() }
+        Self { scene, planning: self.planning.clone(), came: Instant::now() }
     }
 
     /// As it came.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// How long ago it came.
+    pub fn held_for(&self) -> Duration {
+        self.came.elapsed()
     }
 
     /// To plan on. The first caller makes it; others that come meanwhile wait for that.

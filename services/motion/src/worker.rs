@@ -87,9 +87,9 @@ impl Worker {
         self.queue.run(context, job).await
     }
 
-    /// Whether a scene is here.
-    pub fn holds(&self, scene_id: &str) -> bool {
-        self.scenes.get(scene_id).is_ok()
+    /// A scene that is here.
+    pub fn scene(&self, scene_id: &str) -> Option<Arc<MotionScene>> {
+        self.scenes.get(scene_id).ok()
     }
 
     /// The scene where this worker holds it; none where it came along.

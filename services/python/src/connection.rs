@@ -10,7 +10,9 @@ use std::time::Duration;
 
 use pyo3::prelude::*;
 use repose_proto::{CallError, Payload, Priority, Service, keys};
-use repose_runtime::{CallOptions, Caller, CancellationToken, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
+use repose_runtime::{
+    Answer, CallOptions, Caller, CancellationToken, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic, fetch_scene,
+};
 use tokio::runtime::{Builder, Handle};
 use tokio::sync::{Mutex, OwnedRwLockReadGuard, RwLock, mpsc};
 
@@ -146,6 +148,25 @@ impl Connection {
                 (Service::Motion, "plan") => caller.plan_with_scene(scene.as_deref(), encode, options).await,
                 _ => caller.call_with_scene(&method, scene.as_deref(), encode, options).await,
             }
+        };
+        Pending::start(&self.threads, answer, cancel, progress)
+    }
+
+    /// A scene, whole, from whichever perception worker has it: in parts, as a slow link bears it, and packed where the configuration says so. The answer
+    /// is its bulk form.
+    fn scene(&self, scene_id: String, deadline_s: f64) -> PyResult<Pending> {
+        let deadline = Duration::try_from_secs_f64(deadline_s).map_err(|e| raised(CallError::invalid("deadline_s", e.to_string())))?;
+        let (cancel, under_way) = self.begin()?;
+        let (_, progress) = mpsc::channel(1);
+        let options = CallOptions { cancel: cancel.clone(), ..CallOptions::within(deadline) };
+        let (session, callers) = (self.session.clone(), self.callers.clone());
+        let answer = async move {
+            let _under_way = under_way;
+            let perception = caller(&session, &callers, Service::Perception).await?;
+            let scene = fetch_scene(&perception, &scene_id, &options).await?;
+            let whole = tokio::task::spawn_blocking(move || Payload::bulk(repose_proto::Scene::SCHEMA, &scene.to_bulk())).await;
+            let payload = whole.map_err(|e| CallError::internal(format!("a scene was lost: {e}")))??;
+            Ok(Answer { payload, worker: String::new(), attempts: 1, timing_ms: BTreeMap::new() })
         };
         Pending::start(&self.threads, answer, cancel, progress)
     }

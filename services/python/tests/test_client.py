@@ -88,6 +88,21 @@ def test_a_deadline_is_of_everything_that_is_asked(monkeypatch):
     assert waits == [("latest", 3.5), ("place", 1.5), ("state", 3.5), ("plan", 1.5), ("plan", -1.0)]
 
 
+def test_a_scene_is_fetched_as_those_of_the_services_are_and_not_in_one_message(view):
+    whole, asked = view.scene(), []
+
+    class Connection:
+        def scene(self, scene_id, deadline_s):
+            asked.append((scene_id, deadline_s))
+            return SimpleNamespace(wait=lambda timeout_s: ("Scene.v1", True, whole._native.to_bytes(), "", 1, {}))
+
+    client = repose.Client(Connection(), "front", "panda")
+    assert client.scene(whole.id, deadline_s=3.5).id == whole.id
+    [(scene_id, deadline_s)] = asked
+    assert scene_id == whole.id
+    assert 0 < deadline_s <= 3.5
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
 def test_a_process_that_was_forked_is_told_to_connect_anew(client, scene, wish):

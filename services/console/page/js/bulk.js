@@ -19,6 +19,24 @@ export function readBulk(buffer) {
   return { metadata, tensors };
 }
 
+/** Messages that come in parts, with others between them. */
+export class Parts {
+  #begun = new Map();
+
+  /** Takes a part; the whole message as it would have come at once, text or an ArrayBuffer, when this was its last. */
+  join({ metadata: { of, form, offset, total_bytes: total }, tensors: { bytes } }) {
+    // One that is begun anew was given up before, with the cell that it was of.
+    if (Number(offset) === 0) this.#begun.set(of, { whole: new Uint8Array(Number(total)), length: 0 });
+    const begun = this.#begun.get(of);
+    if (begun?.length !== Number(offset)) return undefined;
+    begun.whole.set(bytes, begun.length);
+    begun.length += bytes.length;
+    if (begun.length < begun.whole.length) return undefined;
+    this.#begun.delete(of);
+    return form === "text" ? new TextDecoder().decode(begun.whole) : begun.whole.buffer;
+  }
+}
+
 /** The scene of a message. */
 export function sceneOf({ metadata, tensors }) {
   const meta = JSON.parse(metadata.scene), { width, height } = meta.camera;

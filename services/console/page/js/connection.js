@@ -1,6 +1,6 @@
 // The socket to the console: opened again whenever it is lost; requests with their answers; and the stop, which needs no socket.
 
-import { readBulk } from "./bulk.js";
+import { Parts, readBulk } from "./bulk.js";
 
 const FIRST_PAUSE_MS = 200;
 const LONGEST_PAUSE_MS = 2000;
@@ -60,7 +60,7 @@ export class Connection {
   }
 
   #connect() {
-    const address = new URL("/socket", location.href);
+    const address = new URL("/socket?paced", location.href);
     address.protocol = address.protocol.replace("http", "ws");
     const socket = new WebSocket(address);
     socket.binaryType = "arraybuffer";
@@ -68,20 +68,29 @@ export class Connection {
     this.#silentLooks = 0;
     // One that was still closing has no answers any more.
     this.#refuseAll();
+    const parts = new Parts();
     socket.onmessage = ({ data }) => {
       if (socket !== this.#socket) return;
       this.#pauseMs = FIRST_PAUSE_MS;
       this.#silentLooks = 0;
-      if (typeof data !== "string") {
-        const bulk = readBulk(data), { kind } = bulk.metadata;
-        // The next one comes when this one is drawn.
-        return Promise.resolve(this.heard(kind, bulk)).finally(() => {
-          if (socket.readyState === WebSocket.OPEN && kind !== "segmented") socket.send(JSON.stringify({ id: 0, ask: "seen", what: kind }));
-        });
-      }
-      this.#take(JSON.parse(data));
+      // Before anything is drawn: the console sends as much at once as comes soon.
+      say(socket, { ask: "received" });
+      if (typeof data === "string") return this.#take(JSON.parse(data));
+      const bulk = readBulk(data);
+      if (bulk.metadata.kind !== "part") return this.#show(socket, bulk);
+      const whole = parts.join(bulk);
+      if (typeof whole === "string") return this.#take(JSON.parse(whole));
+      return whole && this.#show(socket, readBulk(whole), bulk.metadata.age_ms);
     };
     socket.onclose = ({ code, reason }) => this.#lost(socket, code, reason);
+  }
+
+  /** Passes on what came in the bulk form, so many milliseconds after it was begun to be sent. */
+  #show(socket, bulk, lateMs = 0) {
+    const { metadata } = bulk, { kind } = metadata;
+    metadata.age_ms = Number(metadata.age_ms ?? 0) + Number(lateMs);
+    // The next one comes when this one is drawn.
+    return Promise.resolve(this.heard(kind, bulk)).finally(() => kind !== "segmented" && say(socket, { ask: "seen", what: kind }));
   }
 
   #lost(socket, code, reason) {
@@ -155,6 +164,11 @@ export class Connection {
     this.again();
     return answer;
   }
+}
+
+/** Says what has no answer. */
+function say(socket, said) {
+  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ id: 0, ...said }));
 }
 
 async function post(path, body) {

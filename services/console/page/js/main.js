@@ -13,6 +13,7 @@ import { Picture, labelsOf } from "./picture.js";
 import { Placements, evidence } from "./placements.js";
 import { World } from "./scene.js";
 import { askForToken } from "./sign_in.js";
+import { Stored } from "./stored.js";
 import { System } from "./system.js";
 import { followTheme } from "./theme.js";
 import { showTip } from "./tip.js";
@@ -22,7 +23,7 @@ const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm
 /** How far an object may seem to have moved between two segmentations of one picture, metres. */
 const SAME_M = 0.03;
 const ROLES = ["viewer", "planner", "operator"];
-const stored = { get: (key) => sessionStorage.getItem(`repose.${key}`) || undefined, set: (key, value) => sessionStorage.setItem(`repose.${key}`, value) };
+const stored = new Stored(() => sessionStorage);
 
 let role = "viewer", cell, camera, robot, page;
 let scene, newest, isHeld = false, hasWatched = false, myPlan, hadPlan;
@@ -113,9 +114,9 @@ function welcomed(welcome) {
   motion.may(may("operator"));
   sequence.may(may("operator"));
   arrangement.may(may("planner"), may("operator"));
-  cell ??= stored.get("cell") ?? welcome.cell;
+  cell ??= stored.get("cell") || welcome.cell;
   choices(byId("cell"), [cell], cell);
-  camera ??= stored.get("camera");
+  camera ??= stored.get("camera") || undefined;
   // The console has forgotten this viewer's plan. What is under way is told again where it still is: a console that was started anew knows of nothing.
   myPlan = undefined;
   planShown(undefined);
@@ -129,6 +130,8 @@ function welcomed(welcome) {
 async function watch() {
   hasWatched = true;
   toldOf = undefined;
+  // What was looked for before does not come any more.
+  segment.isAsking = false;
   watchedAt = performance.now();
   const turn = ++watches;
   try {
@@ -263,12 +266,17 @@ function segment(pixel) {
   segment.isAsking = true;
   segment.pixel = pixel;
   notice({ message: "Looking for an object there …" });
-  connection.ask("segment", { scene_id: scene.id, pixel }).catch((refusal) => notice(refusal, "bad")).finally(() => { segment.isAsking = false; });
+  // Its answer says that it was found; the scene that it is in, which is larger, may come after that.
+  connection.ask("segment", { scene_id: scene.id, pixel }).catch((refusal) => {
+    segment.isAsking = false;
+    notice(refusal, "bad");
+  });
 }
 
 /** Takes the scene in which perception has looked for an object: what was picked is found in it by where it is. */
 function segmented(message) {
   const found = sceneOf(message), [u, v] = segment.pixel;
+  segment.isAsking = false;
   // Of the camera before: another was chosen meanwhile.
   if (camera && found.camera !== camera) return;
   const again = (id) => {

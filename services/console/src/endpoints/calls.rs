@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_executive::{IdentifiedScene, recovery};
+use repose_executive::{IdentifiedScene, is_blind, recovery};
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RecoverReply, RecoveryMove};
 use repose_proto::robot::RobotState;
 use repose_proto::scene::WorldFrame;
@@ -12,8 +12,8 @@ use repose_proto::{CallError, Message as _, Payload, Scene, Service};
 use repose_runtime::{Answer, CallOptions, call_moving};
 use tokio::sync::mpsc;
 
-use crate::arm::PlanShown;
-use crate::cell::{WatchedCell, world_from_base};
+use crate::arm::{PlanShown, world_from_base};
+use crate::cell::WatchedCell;
 use crate::messages::{ExecutionEnded, ExecutionShown};
 
 /// Progress that may wait; what does not fit is dropped.
@@ -46,7 +46,8 @@ pub fn shown(plan: &MotionPlan, robot: &RobotState) -> Arc<PlanShown> {
 pub async fn execute(cell: &WatchedCell, id: String, plan: &MotionPlan) -> Result<Answer, CallError> {
     let phases: Vec<String> = plan.phases.iter().map(|p| p.name.to_string()).collect();
     let mut shown = ExecutionShown { id, robot: plan.robot.clone(), query: plan.query, phases, phase: 0, ended: None, said: Vec::new() };
-    cell.hide_plan(None);
+    // It leaves the place that any other motion of its begins at.
+    cell.hide_plan(|shown| shown.robot == plan.robot);
     cell.update(|activity| activity.show_execution(&shown, false));
     let (sender, mut progress) = mpsc::channel::<Payload>(PROGRESS);
     let calling = async { moving(cell, "execute", Payload::json(plan)?, Some(sender)).await };
@@ -91,7 +92,12 @@ pub async fn recover(
         RecoveryMove::Retreat | RecoveryMove::Home if unchecked => None,
         RecoveryMove::Retreat | RecoveryMove::Home => Some(surroundings(cell, camera).await.map_err(|why| unseen(camera, &why))?),
     };
-    moving(cell, "recover", recovery(robot, motion, scene.as_ref())?, None).await?.payload.decode_json()
+    let [by_id, whole] = recovery(robot, motion, scene.as_ref())?;
+    let mut answer = moving(cell, "recover", by_id, None).await;
+    if answer.as_ref().is_err_and(is_blind) && scene.is_some() {
+        answer = moving(cell, "recover", whole, None).await;
+    }
+    answer?.payload.decode_json()
 }
 
 /// The newest scene of a camera that knows where it stands: what an arm's way can be checked against.

@@ -20,7 +20,7 @@ use axum::Json;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::{Request, State as Shared};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
@@ -37,7 +37,8 @@ const MAX_BODY: usize = 4096;
 
 /// All routes.
 pub fn router(state: Arc<AppState>, shutdown: Shutdown) -> Router {
-    let socket = move |state: Shared<Arc<AppState>>, headers: HeaderMap, upgrade| socket::upgraded(state, headers, upgrade, shutdown);
+    let socket =
+        move |state: Shared<Arc<AppState>>, headers: HeaderMap, uri: Uri, upgrade| socket::upgraded(state, headers, uri, upgrade, shutdown);
     Router::new()
         .route("/", get(index))
         .route("/socket", get(socket))

@@ -86,7 +86,7 @@ impl Viewer {
             everywhere.leave(self.id);
         }
         if let (Some(cell), Some(DisplayedPlan { id: plan, .. })) = (&eyes.cell, &eyes.plan) {
-            cell.hide_plan(Some(plan));
+            cell.hide_plan(|shown| shown.plan == *plan);
         }
         leave(self.id, &eyes);
     }
@@ -96,6 +96,9 @@ impl Viewer {
         let Request { id, ask } = request;
         if let Ask::Seen { what } = ask {
             return self.outbox.seen(&if what == DrawnMessage::Picture { Topic::Picture } else { Topic::Scene });
+        }
+        if ask == Ask::Received {
+            return self.outbox.received();
         }
         // None of the open ones: whoever has as many open as may be gives one up to ask for another.
         if let Ask::Cancel { request } = ask {
@@ -140,7 +143,7 @@ impl Viewer {
         match ask {
             Ask::Watch { cell, camera } => self.watch(id, &cell, camera.as_deref()).await,
             // Taken above.
-            Ask::Seen { .. } | Ask::Cancel { .. } => Ok(Answered::Done {}),
+            Ask::Seen { .. } | Ask::Received | Ask::Cancel { .. } => Ok(Answered::Done {}),
             Ask::Hold { scene_id } => self.hold(&scene_id).await,
             Ask::Segment { scene_id, pixel } => self.segment(&scene_id, pixel).await,
             Ask::Place { request } => self.place(id, &request, cancel).await,
@@ -153,7 +156,7 @@ impl Viewer {
             Ask::Discard { plan } => {
                 // Everybody in the cell is shown the id: one that is another's stays.
                 if self.eyes().plan.take_if(|known| known.id == plan).is_some() {
-                    self.cell()?.hide_plan(Some(&plan));
+                    self.cell()?.hide_plan(|shown| shown.plan == plan);
                 }
                 Ok(Answered::Done {})
             }
@@ -233,7 +236,7 @@ impl Viewer {
             leave(self.id, &before);
             // Nobody can carry it out any more, and those who still look at that cell would see it as the motion to come.
             if let (false, Some(old), Some(DisplayedPlan { id: plan, .. })) = (is_same, &before.cell, &plan) {
-                old.hide_plan(Some(plan));
+                old.hide_plan(|shown| shown.plan == *plan);
             }
             if is_same {
                 (eyes.held, eyes.plan) = (held, plan);

@@ -41,7 +41,7 @@ impl OnDisplay {
 impl Drop for OnDisplay {
     fn drop(&mut self) {
         if let Some(plan) = self.plan.get_mut().unwrap_or_else(PoisonError::into_inner).take() {
-            self.cell.hide_plan(Some(&plan));
+            self.cell.hide_plan(|shown| shown.plan == plan);
         }
     }
 }
@@ -156,11 +156,13 @@ impl Site for PageSite {
 #[cfg(test)]
 mod tests {
     use nalgebra::Isometry3;
-    use repose_runtime::Session;
+    use repose_runtime::{Call, Handler, Session};
 
     use super::*;
     use crate::ConsoleConfig;
-    use crate::viewers::{Outbox, ViewerMessage};
+    use crate::viewers::{Outbox, Outgoing, ViewerMessage};
+
+    const PLAN: &str = include_str!("../../../../proto/tests/golden/MotionPlan.v1.json");
 
     /// Whether a viewer who comes now is shown a motion to come.
     async fn is_shown(cell: &WatchedCell) -> bool {
@@ -169,7 +171,9 @@ mod tests {
         cell.audience().leave(1);
         loop {
             match outbox.next().await.expect("a plan is told, or that there is none") {
-                ViewerMessage::Text(text) if text.contains(r#""kind":"plan""#) => return !text.contains(r#""shown":null"#),
+                Outgoing::Whole(ViewerMessage::Text(text)) if text.contains(r#""kind":"plan""#) => {
+                    return !text.contains(r#""shown":null"#);
+                }
                 _ => {}
             }
         }
@@ -179,8 +183,7 @@ mod tests {
     async fn a_motion_that_was_not_carried_out_is_shown_no_longer_than_what_it_was_planned_for() {
         let session = Session::embedded().await.expect("a session");
         let cell = WatchedCell::follow(&session, "cell", Arc::new(ConsoleConfig::default())).await.expect("a cell");
-        let plan = include_str!("../../../../proto/tests/golden/MotionPlan.v1.json");
-        let plan: MotionPlan = serde_json::from_str(plan).expect("a plan");
+        let plan: MotionPlan = serde_json::from_str(PLAN).expect("a plan");
         let shown = |id: &str| Arc::new(PlanShown::new(id.to_owned(), &plan, &Isometry3::identity()));
         let cell = Arc::new(cell);
         let on_display = || OnDisplay { cell: cell.clone(), plan: Mutex::default() };
@@ -191,5 +194,30 @@ mod tests {
         assert!(is_shown(&cell).await, "it is another's");
         drop(sequence);
         assert!(!is_shown(&cell).await);
+    }
+
+    /// Motion that carries nothing out.
+    struct Refusing;
+
+    #[async_trait::async_trait]
+    impl Handler for Refusing {
+        async fn call(&self, _: Call) -> Result<Payload, CallError> {
+            Err(CallError::precondition("the arm is elsewhere"))
+        }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_robot_that_moves_takes_its_own_motion_to_come_from_the_pages_and_no_other_robots() {
+        let session = Session::embedded().await.expect("a session");
+        let motion = session.start(Service::Motion, Arc::new(Refusing)).await.expect("a worker");
+        let cell = WatchedCell::follow(&session, "cell", Arc::new(ConsoleConfig::default())).await.expect("a cell");
+        let plan: MotionPlan = serde_json::from_str(PLAN).expect("a plan");
+        let of = |robot: &str| MotionPlan { robot: robot.to_owned(), ..plan.clone() };
+        cell.show_plan(Arc::new(PlanShown::new("to come".to_owned(), &of("left"), &Isometry3::identity())));
+        for (robot, is_left) in [("right", true), ("left", false)] {
+            execute(&cell, robot.to_owned(), &of(robot)).await.expect_err("motion refuses");
+            assert_eq!(is_shown(&cell).await, is_left, "robot {robot} was to move");
+        }
+        motion.drain().await;
     }
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 use axum::body::Bytes;
 use axum::extract::State as Shared;
 use axum::extract::ws::{CloseFrame, Message as Frame, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use futures::stream::SplitSink;
 use futures::{SinkExt, StreamExt};
@@ -18,7 +18,7 @@ use super::state::AppState;
 use crate::access::Role;
 use crate::messages::{Request, ServerMessage};
 use crate::page::page_hash;
-use crate::viewers::{Outbox, Topic, ViewerMessage};
+use crate::viewers::{Outbox, Outgoing, Topic, ViewerMessage};
 
 /// The largest message of a viewer's, bytes.
 const MAX_MESSAGE: usize = 256 * 1024;
@@ -26,13 +26,21 @@ const MAX_MESSAGE: usize = 256 * 1024;
 const PING_EVERY: Duration = Duration::from_secs(5);
 /// How long a viewer may take to take a message, or to answer a ping, before it counts as gone.
 const GONE_AFTER: Duration = Duration::from_secs(20);
+/// In the query of the socket's address: the viewer says of every message that it has come, and joins those that come in parts.
+const PACED: &str = "paced";
 /// The close code of a viewer without a good token; 4000 to 4999 are free for applications.
 const UNKNOWN: u16 = 4401;
 /// The close code of a viewer for whom there is no room.
 const FULL: u16 = 4503;
 
 /// Makes a viewer of an HTTP request.
-pub async fn upgraded(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, upgrade: WebSocketUpgrade, shutdown: Shutdown) -> Response {
+pub async fn upgraded(
+    Shared(state): Shared<Arc<AppState>>,
+    headers: HeaderMap,
+    uri: Uri,
+    upgrade: WebSocketUpgrade,
+    shutdown: Shutdown,
+) -> Response {
     let upgrade = upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE);
     // Browsers hide the status of a refused upgrade from the page: why it is let go is told by a close code.
     let Some(role) = state.role(&headers) else {
@@ -43,8 +51,10 @@ pub async fn upgraded(Shared(state): Shared<Arc<AppState>>, headers: HeaderMap, 
         let reason = format!("this console serves {most} pages at once, and as many are open");
         return upgrade.on_upgrade(|socket| closed(socket, FULL, Utf8Bytes::from(reason)));
     };
+    let is_paced = uri.query().is_some_and(|query| query.split('&').any(|option| option == PACED));
+    let outbox = if is_paced { Outbox::paced() } else { Outbox::default() };
     upgrade.on_upgrade(move |socket| async move {
-        serve(socket, state, role, shutdown).await;
+        serve(socket, state, role, outbox, shutdown).await;
         drop(place);
     })
 }
@@ -79,9 +89,9 @@ async fn closed(mut socket: WebSocket, code: u16, reason: Utf8Bytes) {
     drop(socket.send(Frame::Close(Some(CloseFrame { code, reason }))).await);
 }
 
-async fn serve(socket: WebSocket, state: Arc<AppState>, role: Role, shutdown: Shutdown) {
+async fn serve(socket: WebSocket, state: Arc<AppState>, role: Role, outbox: Outbox, shutdown: Shutdown) {
     let id = state.next_viewer.fetch_add(1, Ordering::Relaxed);
-    let outbox = Arc::new(Outbox::default());
+    let outbox = Arc::new(outbox);
     let cell = state.session.cell().name().to_owned();
     outbox.put(
         Topic::Welcome,
@@ -126,12 +136,7 @@ async fn write(mut sink: SplitSink<WebSocket, Frame>, viewer: Arc<Viewer>, shutd
     loop {
         let frame = tokio::select! {
             message = viewer.outbox().next() => match message {
-                Some(ViewerMessage::Text(text)) => Frame::Text(Utf8Bytes::from(&*text)),
-                Some(ViewerMessage::Binary(bytes)) => Frame::Binary(bytes),
-                Some(ViewerMessage::View(view)) => {
-                    viewer.sends(view.clone());
-                    Frame::Binary(view.bytes.clone())
-                }
+                Some(message) => frame_of(message, &viewer),
                 None => break,
             },
             _ = ping.tick() => Frame::Ping(Bytes::new()),
@@ -146,6 +151,23 @@ async fn write(mut sink: SplitSink<WebSocket, Frame>, viewer: Arc<Viewer>, shutd
         match tokio::time::timeout(GONE_AFTER, sink.send(frame)).await {
             Ok(Ok(())) => {}
             Ok(Err(_)) | Err(_) => return,
+        }
+    }
+}
+
+fn frame_of(message: Outgoing, viewer: &Viewer) -> Frame {
+    match message {
+        Outgoing::Whole(ViewerMessage::Text(text)) => Frame::Text(Utf8Bytes::from(&*text)),
+        Outgoing::Whole(ViewerMessage::Binary(bytes)) => Frame::Binary(bytes),
+        Outgoing::Whole(ViewerMessage::View(view)) => {
+            viewer.sends(view.clone());
+            Frame::Binary(view.bytes.clone())
+        }
+        Outgoing::Part { bytes, begins } => {
+            if let Some(view) = begins {
+                viewer.sends(view);
+            }
+            Frame::Binary(bytes)
         }
     }
 }

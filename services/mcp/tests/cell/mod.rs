@@ -1,6 +1,6 @@
 //! A cell of a few lines: a camera that sees blocks, a planner that always answers the same, an arm that moves what it is told to.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -37,6 +37,8 @@ pub struct World {
     executions: AtomicU64,
     /// How long the camera and motion take to answer, milliseconds.
     pub takes_ms: AtomicU64,
+    /// Whether perception holds no scene that it has told of.
+    pub holds_none: AtomicBool,
 }
 
 impl World {
@@ -159,7 +161,7 @@ impl Handler for Worker {
             "scene" => {
                 let SceneRequest { scene_id, .. } = call.payload.decode_json()?;
                 let scene = self.0.scene();
-                match scene.id() == scene_id {
+                match scene.id() == scene_id && !self.0.holds_none.load(Ordering::SeqCst) {
                     true => Payload::bulk(Scene::SCHEMA, &scene.to_bulk()),
                     false => Err(CallError::not_found("scene_id", "the blocks were moved meanwhile")),
                 }

@@ -101,8 +101,8 @@ class Cell:
         ends = time.monotonic() + deadline_s
         found = scene_id or str((await self.latest(camera, deadline_s=deadline_s))["scene_id"])
         left_s = max(ends - time.monotonic(), 0.001)
-        call = self.call("perception", "scene", "SceneRequest.v1", {"scene_id": found}, deadline_s=left_s, everyone=True)
-        return Scene.from_bytes((await call._step()).content)
+        call = Call(self.connection.scene(found, left_s), lambda answer: answer.content)
+        return Scene.from_bytes(await call._step())
 
     async def segment(self, frame: Frame, *, deadline_s: float = 10.0) -> Scene:
         """Have perception segment a picture. The scene is then held there under its id."""

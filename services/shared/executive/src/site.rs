@@ -6,7 +6,7 @@ use repose_proto::motion::{ExecutionOutcome, MotionPlan, MotionPlanRequest, Reco
 use repose_proto::place::{Placement, ReachingRobot};
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, PlaceResult, Scene, SceneRef, SceneSummary};
-use repose_runtime::{Answer, CallOptions, Caller, reaching_robot};
+use repose_runtime::{Answer, CallOptions, Caller, lacks_scene, reaching_robot};
 
 use crate::tried::Tried;
 
@@ -135,8 +135,12 @@ pub trait Site: Send + Sync {
         view: Option<&IdentifiedScene>,
     ) -> impl Future<Output = Result<RecoverReply, CallError>> + Send {
         async move {
-            let payload = recovery(self.robot(), motion, view)?;
-            self.moving("recover", payload, None).await?.payload.decode_json()
+            let [by_id, whole] = recovery(self.robot(), motion, view)?;
+            let mut answer = self.moving("recover", by_id, None).await;
+            if answer.as_ref().is_err_and(is_blind) && view.is_some() {
+                answer = self.moving("recover", whole, None).await;
+            }
+            answer?.payload.decode_json()
         }
     }
 
@@ -213,15 +217,21 @@ pub trait Site: Send + Sync {
     }
 }
 
-/// What motion is asked for one recovery move, its way checked against a view where there is one.
+/// What motion is asked for one recovery move, its way checked against a view where there is one: by the view's id, and with the view itself for where
+/// that [`is_blind`]. Perception is nearer to motion than most who ask.
 ///
 /// # Errors
 /// `invalid_argument` on the robot's name; where the scene cannot be encoded.
-pub fn recovery(robot: &str, motion: RecoveryMove, view: Option<&IdentifiedScene>) -> Result<Payload, CallError> {
+pub fn recovery(robot: &str, motion: RecoveryMove, view: Option<&IdentifiedScene>) -> Result<[Payload; 2], CallError> {
     let scene = view.map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
     let request = RecoverRequest { robot: robot.to_owned(), motion, scene };
     request.validate()?;
-    Payload::with_scene(&request, view.map(|(_, scene)| scene))
+    Ok([Payload::json(&request)?, Payload::with_scene(&request, view.map(|(_, scene)| scene))?])
+}
+
+/// Whether motion has not moved because it does not hold the scene that was named, or holds it as it was seen too long ago.
+pub fn is_blind(error: &CallError) -> bool {
+    lacks_scene(error) || (error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("scene"))
 }
 
 /// Whether motion could serve none of the placements or found no grasp: nothing has moved, and other draws may do.
@@ -251,6 +261,10 @@ mod tests {
         motion: Caller,
         robot_ns: u64,
         looks: AtomicU64,
+        /// Whether motion has what is seen.
+        has_scenes: bool,
+        /// What motion was sent: whether it was a scene.
+        sent: Vec<bool>,
     }
 
     impl Elsewhere {
@@ -299,19 +313,39 @@ mod tests {
             serde_json::from_value(state).map_err(|e| CallError::internal(e.to_string()))
         }
 
-        async fn moving(&mut self, method: &str, _: Payload, _: Option<&MotionPlan>) -> Result<Answer, CallError> {
-            Err(CallError::precondition(format!("{method}: nothing moves here")))
+        async fn moving(&mut self, method: &str, payload: Payload, _: Option<&MotionPlan>) -> Result<Answer, CallError> {
+            self.sent.push(payload.is_bulk());
+            match self.has_scenes || payload.is_bulk() {
+                true => Err(CallError::precondition(format!("{method}: nothing moves here"))),
+                false => Err(CallError::not_found("scene_id", "it is not here")),
+            }
+        }
+    }
+
+    async fn elsewhere(robot_ns: u64, has_scenes: bool) -> Elsewhere {
+        let session = Session::embedded().await.expect("a session");
+        let caller = async |service| session.caller(service).await.expect("a caller");
+        let (planner, motion) = (caller(Service::Planner).await, caller(Service::Motion).await);
+        Elsewhere { planner, motion, robot_ns, looks: AtomicU64::new(0), has_scenes, sent: Vec::new() }
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_way_back_names_its_view_and_sends_it_where_motion_does_not_have_it() {
+        let scene = SceneBuilder::table().scene();
+        let view = (scene.id(), scene);
+        for (has_scenes, sent) in [(true, vec![false]), (false, vec![false, true])] {
+            let mut site = elsewhere(0, has_scenes).await;
+            let refused = site.bring_back(RecoveryMove::Home, Some(&view)).await.expect_err("nothing moves");
+            assert!(refused.message.contains("nothing moves here"), "{refused}");
+            assert_eq!(site.sent, sent);
         }
     }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_fresh_view_is_one_from_after_now_by_the_cells_clock_whatever_this_hosts_says() {
-        let session = Session::embedded().await.expect("a session");
         for ahead_s in [-3600_i64, -2, 0, 2, 3600] {
             let robot_ns = now_ns().saturating_add_signed(ahead_s * 1_000_000_000);
-            let caller = async |service| session.caller(service).await.expect("a caller");
-            let (planner, motion) = (caller(Service::Planner).await, caller(Service::Motion).await);
-            let site = Elsewhere { planner, motion, robot_ns, looks: AtomicU64::new(0) };
+            let site = elsewhere(robot_ns, true).await;
             let (_, scene) = site.fresh_view().await.expect("a view");
             assert_eq!(scene.stamp_ns, robot_ns + 50_000_000, "{ahead_s} s");
         }

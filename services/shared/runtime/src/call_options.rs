@@ -20,6 +20,9 @@ pub struct CallOptions {
     pub priority: Priority,
     /// Whether it may be computed twice, and so be tried again (yes). Never for what moves a robot.
     pub idempotent: bool,
+    /// Whether an attempt that takes much longer than its worker's calls do is left for another (yes). Not where the answer takes its time on a slow
+    /// link: a second one would wait there behind the first.
+    pub leaves_slow: bool,
     /// Triggering it ends the call with `cancelled`, and tells the worker. Dropping the call's future tells it too.
     pub cancel: CancellationToken,
     /// This worker only.
@@ -43,6 +46,7 @@ impl Default for CallOptions {
             deadline: Duration::from_secs(10),
             priority: Priority::Interactive,
             idempotent: true,
+            leaves_slow: true,
             cancel: CancellationToken::new(),
             worker: None,
             accept: None,

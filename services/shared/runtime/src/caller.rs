@@ -418,7 +418,8 @@ impl Ongoing<'_> {
                 () = tokio::time::sleep_until(self.deadline) => return Ended::Overdue,
                 _ = look.tick(), if !last => {
                     let silent = inner.directory.is_suspect(worker) && inner.directory.has_alternative(&self.wanted(), Some(worker));
-                    let slow = started.elapsed() >= share && !attempt.has_progressed() && self.is_slow(worker, started.elapsed());
+                    let may_leave = self.options.leaves_slow && !attempt.has_progressed();
+                    let slow = started.elapsed() >= share && may_leave && self.is_slow(worker, started.elapsed());
                     if silent || slow {
                         return Ended::Left;
                     }

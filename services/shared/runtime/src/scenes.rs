@@ -135,6 +135,17 @@ pub async fn fetch_newest(perception: &Caller, camera: &str, options: &CallOptio
     perception.call_any("latest", &request, options).await?.payload.decode_json()
 }
 
+/// When perception last saw a scene to be so, nanoseconds since the Unix epoch, without the scene itself; none where its worker does not say.
+///
+/// # Errors
+/// `not_found` when no worker has the scene; those of [`Caller::call_any`].
+pub async fn fetch_stamp(perception: &Caller, scene_id: &str, options: &CallOptions) -> Result<Option<u64>, CallError> {
+    let part = ByteRange { offset: 0, length: 1 };
+    let request = Payload::json(&SceneRequest { part: Some(part), ..SceneRequest::new(scene_id) })?;
+    let answer = perception.call_any("scene", &request, options).await?;
+    Ok(ScenePart::from_payload(&answer.payload)?.stamp_ns)
+}
+
 /// A scene, whole, from whichever perception worker has it.
 ///
 /// # Errors
@@ -232,10 +243,11 @@ const ASK_AGAIN: Duration = Duration::from_millis(20);
 
 /// One part. All who look at a cell ask for a new scene at once, each for many parts, and a worker that is full refuses some: those are asked for again
 /// while the others are on their way. The wait that a worker asks for is that of segmentations, which take far longer than a part does: a long one is no
-/// reason to give up.
+/// reason to give up. That a part is long on its way, behind others, is no reason to ask for it again.
 async fn fetch_part(perception: &Caller, request: &Payload, options: &CallOptions, deadline: Instant) -> Result<Answer, CallError> {
     loop {
-        let full = match perception.call_any("scene", request, &options.until(deadline)).await {
+        let once = CallOptions { leaves_slow: false, ..options.until(deadline) };
+        let full = match perception.call_any("scene", request, &once).await {
             Err(error) if error.code == ErrorCode::ResourceExhausted => error,
             ended => return ended,
         };
@@ -325,7 +337,7 @@ impl Caller {
 }
 
 /// Whether a worker refused a request because it does not hold the request's scene.
-pub(crate) fn lacks_scene(error: &CallError) -> bool {
+pub fn lacks_scene(error: &CallError) -> bool {
     error.code == ErrorCode::NotFound && error.field.as_deref().is_some_and(|field| field == "scene_id" || field.ends_with(".scene_id"))
 }
 

@@ -11,7 +11,7 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
 use repose_proto::perception::SceneRequest;
 use repose_proto::{CallError, ErrorCode, Message, Payload, Scene, Service};
-use repose_runtime::{Call, CallOptions, Handler, RuntimeConfig, fetch_scene};
+use repose_runtime::{Call, CallOptions, CallerConfig, Handler, RuntimeConfig, fetch_scene};
 
 use crate::common::Network;
 
@@ -104,6 +104,45 @@ impl Handler for Full {
     fn load(&self) -> WorkerLoad {
         WorkerLoad::default()
     }
+}
+
+/// A worker whose answers are long on their way.
+struct Distant {
+    scene: OneScene,
+    asked: AtomicUsize,
+}
+
+#[async_trait]
+impl Handler for Distant {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        self.asked.fetch_add(1, Ordering::SeqCst);
+        let part = self.scene.call(call).await;
+        tokio::time::sleep(Duration::from_millis(1500)).await;
+        part
+    }
+
+    fn load(&self) -> WorkerLoad {
+        WorkerLoad::default()
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_part_that_is_long_on_its_way_is_not_asked_for_a_second_time() {
+    // Half a second of ten, after which an attempt counts as slow.
+    let caller = CallerConfig { attempt_share: 0.05, ..CallerConfig::default() };
+    let network = Network::embedded(RuntimeConfig { caller, ..RuntimeConfig::default() }).await;
+    let session = network.session().await;
+    let sent = large_scene();
+    let payload = Payload::bulk(Scene::SCHEMA, &sent.to_bulk()).unwrap();
+    let parts = payload.bytes.len().div_ceil(256 << 10);
+    let scene = OneScene { scene: payload, parts: Parts::Given, largest: AtomicUsize::default() };
+    let distant = Arc::new(Distant { scene, asked: AtomicUsize::default() });
+    let _server = session.start(Service::Perception, distant.clone()).await.unwrap();
+    let perception = session.caller(Service::Perception).await.unwrap();
+    perception.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+    let came = fetch_scene(&perception, &"0".repeat(64), &CallOptions::within(Duration::from_secs(10))).await.unwrap();
+    assert_eq!(came, sent);
+    assert_eq!(distant.asked.load(Ordering::SeqCst), parts);
 }
 
 /// A worker that has no scene.
