@@ -39,6 +39,7 @@ pub mod checks;
 pub mod enclosed;
 pub mod envelope;
 pub mod error;
+pub mod followed_robots;
 pub mod frame;
 pub mod frames;
 pub mod glossary;

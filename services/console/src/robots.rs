@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use repose_proto::followed_robots::{MAX_ROBOTS, SILENT};
 use repose_proto::robot::RobotState;
-use repose_runtime::followed_robots::{MAX_ROBOTS, SILENT};
 
 use crate::system::REMEMBERED;
 

@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use repose_geometry::transform::from_row_major;
 use repose_panda::{JOINT_COUNT, Joints, LinkFrames, base_from_tcp, shoulder_in_base, spheres_in_base};
+use repose_proto::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 use repose_proto::motion::MotionPlan;
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, Scene, keys};
-use repose_runtime::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 use repose_runtime::{RuntimeError, Session};
 use tokio::task::JoinSet;
 

@@ -3,9 +3,9 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
+use repose_proto::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 use repose_proto::robot::RobotState;
 use repose_proto::{RigidTransform, RobotInView, SceneWarning};
-use repose_runtime::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 
 /// States of a robot are kept this far apart, nanoseconds: some tell a thousand a second, and a straight way between two is near enough.
 const APART_NS: u64 = 5_000_000;

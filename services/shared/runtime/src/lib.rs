@@ -66,7 +66,6 @@ mod directory;
 mod endpoint;
 mod error;
 pub mod fake;
-pub mod followed_robots;
 mod frame_link;
 mod gauge;
 mod health;
