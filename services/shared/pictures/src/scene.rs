@@ -9,7 +9,7 @@ use crate::Rgb;
 use crate::colors::{PAPER, object_color};
 use crate::drawing::write_number;
 use crate::labels::label_image;
-use crate::projection::{pinhole, pixel_of};
+use crate::projection::{nearest_pixel, pinhole, pixel_of};
 
 const PLACED: Rgb = [40, 200, 60];
 /// Half the side of the square that a point is drawn as, pixels.
@@ -44,9 +44,8 @@ pub fn scene_picture(scene: &Scene, coloring: Coloring, moved: Option<(u16, &Iso
             color = std::array::from_fn(|k| ((u16::from(seen[k]) + 2 * u16::from(PLACED[k])) / 3) as u8);
         }
         let in_camera = camera_from_world * in_world;
-        let Some(pixel) = camera.project(&in_camera) else { continue };
-        // What is placed far outside the picture stays there: the conversion saturates, and the splat around it must not overflow.
-        let (u, v) = (i64::from(pixel.x.round() as i32), i64::from(pixel.y.round() as i32));
+        let Some(place) = camera.project(&in_camera) else { continue };
+        let (u, v) = nearest_pixel(&place);
         for (x, y) in (v - SPLAT..=v + SPLAT).flat_map(|y| (u - SPLAT..=u + SPLAT).map(move |x| (x, y))) {
             if x < 0 || y < 0 || x >= camera.width as i64 || y >= camera.height as i64 {
                 continue;
