@@ -24,7 +24,7 @@ pub mod viewers;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use repose_runtime::{RuntimeError, Session, Shutdown, silence};
+use repose_runtime::{RuntimeError, Session, Shutdown, serve_http};
 use tokio::net::TcpListener;
 
 pub use config::ConsoleConfig;
@@ -106,18 +106,9 @@ impl Console {
     /// When the listener fails.
     pub async fn serve(self, shutdown: Shutdown) -> Result<(), ConsoleError> {
         let pages = endpoints::router(self.state, shutdown.clone());
-        let asked = shutdown.clone();
-        let ended = async move { asked.requested().await };
         match self.tls {
-            None => {
-                let serving = axum::serve(silence::Listener(self.listener), pages).with_graceful_shutdown(ended);
-                silence::until_answered(serving.into_future(), &shutdown).await?;
-            }
-            Some(acceptor) => {
-                let listener = tls::Listener::new(self.listener, acceptor)?;
-                let serving = axum::serve(silence::Listener(listener), pages).with_graceful_shutdown(ended);
-                silence::until_answered(serving.into_future(), &shutdown).await?;
-            }
+            None => serve_http(self.listener, pages, &shutdown).await?,
+            Some(acceptor) => serve_http(tls::Listener::new(self.listener, acceptor)?, pages, &shutdown).await?,
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::{Next, from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use repose_proto::CallError;
-use repose_runtime::{AccessToken, Shutdown, is_own_host, silence};
+use repose_runtime::{AccessToken, Shutdown, is_own_host, serve_http};
 use tokio::net::TcpListener;
 
 use crate::McpError;
@@ -69,17 +69,10 @@ impl BoundServer {
     /// # Errors
     /// When the listener fails.
     pub async fn serve(self, desk: Arc<Desk>, shutdown: Shutdown) -> Result<(), McpError> {
-        let (agents, ending) = protocol::http(desk);
+        let agents = protocol::http(desk, shutdown.token());
         let door = Arc::new(Door { token: self.token, hosts: self.hosts });
         let routes = Router::new().merge(agents).layer(from_fn(watched)).layer(from_fn_with_state(door, guarded));
-        let asked = shutdown.clone();
-        let ended = async move {
-            asked.requested().await;
-            ending.cancel();
-        };
-        let serving = axum::serve(silence::Listener(self.listener), routes).with_graceful_shutdown(ended);
-        let served = silence::until_answered(serving.into_future(), &shutdown).await;
-        served.map_err(|e| McpError::Serve(e.to_string()))
+        serve_http(self.listener, routes, &shutdown).await.map_err(|e| McpError::Serve(e.to_string()))
     }
 }
 

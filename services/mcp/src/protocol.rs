@@ -49,17 +49,15 @@ pub async fn serve_stdio(desk: Arc<Desk>, shutdown: Shutdown) -> Result<(), McpE
     }
 }
 
-/// The route of agents over HTTP, and what ends their sessions. Every request of a web page is refused: agents say no origin. Under which names it is asked
+/// The route of agents over HTTP, whose sessions `ending` ends. Every request of a web page is refused: agents say no origin. Under which names it is asked
 /// is the door's to look at.
-pub fn http(desk: Arc<Desk>) -> (Router, CancellationToken) {
-    let ending = CancellationToken::new();
-    let config =
-        StreamableHttpServerConfig::default().disable_allowed_hosts().enforce_origin_validation().with_cancellation_token(ending.clone());
+pub fn http(desk: Arc<Desk>, ending: CancellationToken) -> Router {
+    let config = StreamableHttpServerConfig::default().disable_allowed_hosts().enforce_origin_validation().with_cancellation_token(ending);
     let mut sessions = LocalSessionManager::default();
     sessions.session_config.keep_alive = Some(IDLE);
     let server = move || Ok(Server { desk: desk.clone(), over_http: true });
     let service = StreamableHttpService::new(server, Arc::new(sessions), config);
-    (Router::new().route_service("/mcp", service), ending)
+    Router::new().route_service("/mcp", service)
 }
 
 #[derive(Clone)]

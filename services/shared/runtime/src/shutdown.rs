@@ -52,6 +52,11 @@ impl Shutdown {
         self.0.cancelled().await;
     }
 
+    /// The same for those who know tokens: it is cancelled when this is asked.
+    pub fn token(&self) -> CancellationToken {
+        self.0.child_token()
+    }
+
     /// A shutdown that this one triggers, and that can be triggered alone.
     #[must_use]
     pub fn child(&self) -> Self {

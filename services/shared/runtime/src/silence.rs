@@ -12,29 +12,8 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep, sleep};
 
-use crate::Shutdown;
-
 /// How long nothing may pass. Browsers keep a connection that they may need again for about as long.
-const LONGEST: Duration = Duration::from_secs(300);
-/// How long requests under way may take once their server is to end: a stop is put for five seconds.
-const LAST_ANSWERS: Duration = Duration::from_secs(6);
-
-/// Serves until that ends, or until requests that were under way at the `shutdown` have had their time. A server that ends by itself waits for every
-/// connection, also for one whose client has stopped to read its answer: until that counts as silent.
-///
-/// # Errors
-/// Those of `serving`.
-pub async fn until_answered(serving: impl Future<Output = Result<()>>, shutdown: &Shutdown) -> Result<()> {
-    let late = async {
-        shutdown.requested().await;
-        sleep(LAST_ANSWERS).await;
-    };
-    tokio::select! {
-        biased;
-        served = serving => served,
-        () = late => Ok(()),
-    }
-}
+pub(crate) const LONGEST: Duration = Duration::from_secs(300);
 
 /// A listener whose connections do not stay silent.
 pub struct Listener<L>(pub L);
@@ -113,38 +92,10 @@ impl<Io: AsyncWrite + Unpin> AsyncWrite for Audible<Io> {
 
 #[cfg(test)]
 mod tests {
-    use axum::Router;
-    use axum::routing::get;
     use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
-    use tokio::net::{TcpListener, TcpStream};
     use tokio::time::timeout;
 
     use super::*;
-
-    #[tokio::test]
-    async fn a_server_that_is_to_end_waits_for_no_client_that_does_not_read_its_answer() {
-        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
-        let address = listener.local_addr().expect("an address");
-        // More than the system takes on its way.
-        let pages = Router::new().route("/", get(|| async { vec![0_u8; 64 << 20] }));
-        let shutdown = Shutdown::new();
-        let asked = shutdown.clone();
-        let serving = axum::serve(Listener(listener), pages).with_graceful_shutdown(async move { asked.requested().await });
-        let mut client = TcpStream::connect(address).await.expect("a connection");
-        client.write_all(b"GET / HTTP/1.1\r\nhost: localhost\r\n\r\n").await.expect("asked");
-        let reads_little = async {
-            client.read_exact(&mut [0]).await.expect("the answer begins");
-            shutdown.trigger();
-            // From here on time passes whenever nothing else does.
-            tokio::time::pause();
-            std::future::pending::<()>().await;
-        };
-        tokio::select! {
-            served = until_answered(serving.into_future(), &shutdown) => served.expect("it ends"),
-            () = reads_little => {}
-            () = sleep(LONGEST / 2) => panic!("it waits for the client"),
-        }
-    }
 
     #[tokio::test(start_paused = true)]
     async fn a_connection_ends_when_nothing_passes_either_way_and_not_before() {
