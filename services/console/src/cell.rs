@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use repose_pictures::jpeg;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, Caller, Sample, Session, Subscription, fetch_newest, fetch_scene};
+use repose_runtime::{CallOptions, Caller, SCENE_WITHIN, Sample, Session, Subscription, fetch_newest, fetch_scene};
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
@@ -37,8 +37,6 @@ const VIEWS: usize = 6;
 const CAMERA_WITHIN: Duration = Duration::from_secs(2);
 /// How long perception may take to say what its newest scene is.
 const NEWEST_WITHIN: Duration = Duration::from_secs(5);
-/// How long perception may take to send a scene: a link of 1.3 Mbit/s, and a fifth of that where scenes come packed.
-const SCENE_WITHIN: Duration = Duration::from_secs(30);
 /// How often a camera that is looked at is asked for its newest scene; sooner than perception takes nobody to ask.
 const ASK_PERIOD: Duration = Duration::from_secs(4);
 

@@ -10,7 +10,7 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest};
 use repose_proto::robot::HeldObject;
 use repose_proto::{CallError, Message, Payload, Scene, Service};
-use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, Session, fetch_scene, fetch_stamp, load_of};
+use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, SCENE_WITHIN, Session, fetch_scene, fetch_stamp, load_of};
 
 use crate::client_watch::ClientWatch;
 use crate::config::{MotionConfig, OnClientLoss};
@@ -20,8 +20,6 @@ use crate::robot_link::{RobotLink, ToRest};
 use crate::wire;
 use crate::worker::Worker;
 
-/// How long perception may take to send a scene.
-const SCENE_WITHIN: Duration = Duration::from_secs(30);
 /// How long perception may take to say when it last saw a scene.
 const STAMP_WITHIN: Duration = Duration::from_secs(1);
 

@@ -12,8 +12,8 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
 use repose_proto::{ErrorCode, JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
 use repose_runtime::{
-    COPIES_WAIT, CallOptions, Caller, CancellationToken, Sample, Session, Shutdown, Subscription, fetch_scene_payload, now_ns,
-    yield_to_messages,
+    COPIES_WAIT, CallOptions, Caller, CancellationToken, SCENE_WITHIN, Sample, Session, Shutdown, Subscription, fetch_scene_payload,
+    now_ns, yield_to_messages,
 };
 use tokio::runtime::Handle;
 use tokio::sync::{mpsc, oneshot};
@@ -31,8 +31,6 @@ const WAITING: usize = 4096;
 const PICTURES: usize = 16;
 /// Messages that may wait for the file.
 const FOR_FILE: usize = 1024;
-/// How long perception may take to send a scene.
-const SCENE_WITHIN: Duration = Duration::from_secs(30);
 /// How long scenes that are on their way may still take when the recording has ended.
 const LAST_SCENES: Duration = Duration::from_secs(5);
 /// How long workers may take to begin their journals before it is said who has not.

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use repose_executive::{IdentifiedScene, is_blind, recovery};
+use repose_executive::{AskedRecovery, IdentifiedScene};
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, Payload, Service, keys};
-use repose_runtime::{CallOptions, Session, emergency_stop_within};
+use repose_runtime::{CallOptions, SCENE_WITHIN, Session, emergency_stop_within};
 use repose_sentences::robot::describe;
 
 use crate::client::{self, SystemArgs};
@@ -17,8 +17,6 @@ use crate::output::Output;
 
 /// How long to look for a scene to check a way against.
 const SCENE: Duration = Duration::from_secs(5);
-/// How long it may take to come: a link of 1.3 Mbit/s, and a fifth of that where scenes come packed.
-const WHOLE_SCENE: Duration = Duration::from_secs(30);
 
 /// Arguments of `robot`.
 #[derive(Debug, Args)]
@@ -108,10 +106,10 @@ async fn recover(args: &RobotArgs, session: &Session, motion: RecoveryMove, outp
         _ => None,
     };
     let caller = session.caller(Service::Motion).await?;
-    let [by_id, whole] = recovery(&args.robot, motion, scene.as_ref())?;
-    let mut answer = moving::call(session, &caller, (&args.robot, "recover"), by_id, &mut interrupts, None).await;
-    if answer.as_ref().is_err_and(is_blind) && scene.is_some() {
-        answer = moving::call(session, &caller, (&args.robot, "recover"), whole, &mut interrupts, None).await;
+    let recovery = AskedRecovery::new(&args.robot, motion, scene.as_ref())?;
+    let mut answer = moving::call(session, &caller, (&args.robot, "recover"), recovery.by_id()?, &mut interrupts, None).await;
+    if let Some(whole) = recovery.again(&answer) {
+        answer = moving::call(session, &caller, (&args.robot, "recover"), whole?, &mut interrupts, None).await;
     }
     let reply: RecoverReply = answer.map_err(of_motion)?.payload.decode_json()?;
     output.print(&reply, || recovered(&args.robot, motion, &reply))?;
@@ -135,7 +133,7 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
 async fn newest_scene(args: &RobotArgs, session: &Session) -> Result<IdentifiedScene, Failure> {
     let newest = async {
         let summary = client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await?;
-        let scene = client::whole_scene(session, &summary.scene_id, WHOLE_SCENE).await?;
+        let scene = client::whole_scene(session, &summary.scene_id, SCENE_WITHIN).await?;
         Ok::<_, Failure>((summary.scene_id, scene))
     };
     let camera = &args.camera;

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_executive::{IdentifiedScene, is_blind, recovery};
+use repose_executive::{AskedRecovery, IdentifiedScene};
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RecoverReply, RecoveryMove};
 use repose_proto::robot::RobotState;
 use repose_proto::scene::WorldFrame;
@@ -92,10 +92,10 @@ pub async fn recover(
         RecoveryMove::Retreat | RecoveryMove::Home if unchecked => None,
         RecoveryMove::Retreat | RecoveryMove::Home => Some(surroundings(cell, camera).await.map_err(|why| unseen(camera, &why))?),
     };
-    let [by_id, whole] = recovery(robot, motion, scene.as_ref())?;
-    let mut answer = moving(cell, "recover", by_id, None).await;
-    if answer.as_ref().is_err_and(is_blind) && scene.is_some() {
-        answer = moving(cell, "recover", whole, None).await;
+    let recovery = AskedRecovery::new(robot, motion, scene.as_ref())?;
+    let mut answer = moving(cell, "recover", recovery.by_id()?, None).await;
+    if let Some(whole) = recovery.again(&answer) {
+        answer = moving(cell, "recover", whole?, None).await;
     }
     answer?.payload.decode_json()
 }

@@ -114,7 +114,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::site::recovery;
+    use crate::site::AskedRecovery;
 
     /// A robot that only counts who commanded it how often.
     struct Counted {
@@ -184,7 +184,7 @@ mod tests {
         let commands = counted.commands.clone();
         let mut site = Attended::from_now(counted).await;
         let mut moving = async || {
-            let [payload, _] = recovery("panda", RecoveryMove::Open, None).expect("a payload");
+            let payload = AskedRecovery::new("panda", RecoveryMove::Open, None).and_then(|open| open.by_id()).expect("a payload");
             site.moving("recover", payload, None).await.expect_err("it says that it has moved")
         };
         for _ in 0..2 {
@@ -205,7 +205,7 @@ mod tests {
         is_silent.store(true, Ordering::Relaxed);
         let mut site = Attended::from_now(counted).await;
         let mut moving = async || {
-            let [payload, _] = recovery("panda", RecoveryMove::Open, None).expect("a payload");
+            let payload = AskedRecovery::new("panda", RecoveryMove::Open, None).and_then(|open| open.by_id()).expect("a payload");
             site.moving("recover", payload, None).await.expect_err("it says that it has moved")
         };
         assert_eq!(moving().await.code, ErrorCode::Internal, "before its first move there is nothing that went on");

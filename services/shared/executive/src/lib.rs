@@ -13,5 +13,5 @@ pub mod sequence;
 mod site;
 mod tried;
 
-pub use site::{COUNT, IdentifiedScene, MoveStage, Site, is_blind, recovery};
+pub use site::{AskedRecovery, COUNT, IdentifiedScene, MoveStage, Site};
 pub use tried::Tried;

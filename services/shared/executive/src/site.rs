@@ -135,10 +135,10 @@ pub trait Site: Send + Sync {
         view: Option<&IdentifiedScene>,
     ) -> impl Future<Output = Result<RecoverReply, CallError>> + Send {
         async move {
-            let [by_id, whole] = recovery(self.robot(), motion, view)?;
-            let mut answer = self.moving("recover", by_id, None).await;
-            if answer.as_ref().is_err_and(is_blind) && view.is_some() {
-                answer = self.moving("recover", whole, None).await;
+            let recovery = AskedRecovery::new(self.robot(), motion, view)?;
+            let mut answer = self.moving("recover", recovery.by_id()?, None).await;
+            if let Some(whole) = recovery.again(&answer) {
+                answer = self.moving("recover", whole?, None).await;
             }
             answer?.payload.decode_json()
         }
@@ -217,20 +217,41 @@ pub trait Site: Send + Sync {
     }
 }
 
-/// What motion is asked for one recovery move, its way checked against a view where there is one: by the view's id, and with the view itself for where
-/// that [`is_blind`]. Perception is nearer to motion than most who ask.
-///
-/// # Errors
-/// `invalid_argument` on the robot's name; where the scene cannot be encoded.
-pub fn recovery(robot: &str, motion: RecoveryMove, view: Option<&IdentifiedScene>) -> Result<[Payload; 2], CallError> {
-    let scene = view.map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
-    let request = RecoverRequest { robot: robot.to_owned(), motion, scene };
-    request.validate()?;
-    Ok([Payload::json(&request)?, Payload::with_scene(&request, view.map(|(_, scene)| scene))?])
+/// What motion is asked for one recovery move, its way checked against a view where there is one.
+pub struct AskedRecovery<'a> {
+    request: RecoverRequest,
+    view: Option<&'a IdentifiedScene>,
 }
 
-/// Whether motion has not moved because it does not hold the scene that was named, or holds it as it was seen too long ago.
-pub fn is_blind(error: &CallError) -> bool {
+impl<'a> AskedRecovery<'a> {
+    /// One move of a robot.
+    ///
+    /// # Errors
+    /// `invalid_argument` on the robot's name.
+    pub fn new(robot: &str, motion: RecoveryMove, view: Option<&'a IdentifiedScene>) -> Result<Self, CallError> {
+        let scene = view.map(|(scene_id, _)| SceneRef { scene_id: scene_id.clone() });
+        let request = RecoverRequest { robot: robot.to_owned(), motion, scene };
+        request.validate()?;
+        Ok(Self { request, view })
+    }
+
+    /// What motion is asked first: with the view by its id, for perception is nearer to motion than most who ask.
+    ///
+    /// # Errors
+    /// Where it cannot be encoded.
+    pub fn by_id(&self) -> Result<Payload, CallError> {
+        Payload::json(&self.request)
+    }
+
+    /// What it is asked after that answer: with the view itself, where it has not moved because it does not hold the view, or holds it as it was seen
+    /// too long ago. None where the answer stands.
+    pub fn again(&self, answer: &Result<Answer, CallError>) -> Option<Result<Payload, CallError>> {
+        let (_, scene) = self.view.filter(|_| answer.as_ref().is_err_and(is_blind))?;
+        Some(Payload::with_scene(&self.request, Some(scene)))
+    }
+}
+
+fn is_blind(error: &CallError) -> bool {
     lacks_scene(error) || (error.code == ErrorCode::FailedPrecondition && error.field.as_deref() == Some("scene"))
 }
 

@@ -125,7 +125,7 @@ pub use journal::COPIES_WAIT;
 pub use lives::Lives;
 pub use queue::{BatchQueue, ComputeQueue, PendingAnswer, QueueSettings};
 pub use robots::{call_moving, emergency_stop, emergency_stop_within, now_ns, reaching_robot, refuse_a_second_driver, robot_state};
-pub use scenes::{SceneStore, check_scene_id, fetch_newest, fetch_scene, fetch_scene_payload, fetch_stamp, lacks_scene};
+pub use scenes::{SCENE_WITHIN, SceneStore, check_scene_id, fetch_newest, fetch_scene, fetch_scene_payload, fetch_stamp, lacks_scene};
 pub use scheduling::{prefer_messages, yield_to_messages};
 pub use server::Server;
 pub use session::{Publisher, Session, run_router};
