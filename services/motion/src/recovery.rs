@@ -4,6 +4,8 @@
 //! The arm may stand in contact: its fingers around what they have let go of, a link against something. So what touches at the start may go on
 //! touching until it is free, and nothing else may begin to. Where no scene is known only the arm itself and the keep-out zones are in the way.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -97,6 +99,29 @@ pub enum Stuck {
     /// Something is in the way.
     #[error("{0}")]
     Contact(Contact),
+}
+
+/// So many points of a scene inside of one link of an arm that stands there show the link: what an arm leans against is cut by one or two links, …
+const SHOWN_POINTS: usize = 30;
+/// … and a picture that an arm was not taken out of shows more links of it than that.
+const SHOWN_LINKS: usize = 3;
+
+/// Whether a scene shows an arm where it stands, its fingers so far apart: then perception did not know of it when the picture was taken, and where the
+/// arm has been, something seems to stand.
+pub fn shows_arm(scene: &ArmSurroundings, joints: &Joints, finger_opening_m: f64, settings: &RecoverySettings) -> bool {
+    let spheres = spheres_in_base(&LinkFrames::at(joints), finger_opening_m);
+    // The foot stands on something, and the hand is among things.
+    let of_arm = |(_, link): &(&PlacedSphere, Link)| (Link::Link1..=Link::Link7).contains(link);
+    let spheres: Vec<(&PlacedSphere, Link)> = spheres.iter().zip(SPHERE_LINKS).filter(of_arm).collect();
+    let mut points_in: BTreeMap<Link, usize> = BTreeMap::new();
+    for p in &scene.points {
+        let in_base = settings.world_from_base.inverse_transform_point(&p.cast());
+        let is_inside = |(s, _): &&(&PlacedSphere, Link)| (s.center - in_base).norm_squared() < s.radius_m * s.radius_m;
+        if let Some((_, link)) = spheres.iter().find(is_inside) {
+            *points_in.entry(*link).or_default() += 1;
+        }
+    }
+    points_in.values().filter(|points| **points >= SHOWN_POINTS).count() >= SHOWN_LINKS
 }
 
 /// Step of the hand, metres: a fraction of the smallest sphere.
@@ -238,7 +263,8 @@ mod tests {
     use crate::pick_place::plan::Phase;
     use crate::pick_place::{PickPlaceRequest, pick_place};
     use crate::synthetic;
-    use repose_panda::{FINGER_OPENING_MAX_M, FR3_LIMITS, LIMITS};
+    use nalgebra::Vector3;
+    use repose_panda::{FINGER_OPENING_MAX_M, FR3_LIMITS, LIMITS, LINKS};
 
     fn settings() -> RecoverySettings {
         RecoverySettings::of(&PickPlaceSettings::default(), 0.2)
@@ -313,6 +339,24 @@ mod tests {
         let settings = settings();
         let error = Recovery::new(&start, opening_m, Some(&scene), &settings).retreat().map(|(_, m)| m).unwrap_err();
         assert!(matches!(error, RecoveryError::NoRetreat(_, Stuck::Contact(_))), "{error}");
+    }
+
+    #[test]
+    fn a_scene_that_an_arm_was_not_taken_out_of_is_told_from_one_in_which_it_touches_something() {
+        let settings = settings();
+        let spheres = spheres_in_base(&LinkFrames::at(&READY), FINGER_OPENING_MAX_M);
+        let with_points_of = |links: &[Link]| {
+            let mut scene = around();
+            let of_links = spheres.iter().zip(SPHERE_LINKS).filter(|(_, link)| links.contains(link));
+            scene.points.extend(of_links.flat_map(|(s, _)| (0..40).map(|k| s.center.cast() + Vector3::x() * 0.0002 * k as f32)));
+            scene
+        };
+        let shows = |links: &[Link]| shows_arm(&with_points_of(links), &READY, FINGER_OPENING_MAX_M, &settings);
+        assert!(shows(&LINKS) && shows(&[Link::Link3, Link::Link4, Link::Link5]));
+        assert!(!shows(&[]) && !shows(&[Link::Link4, Link::Link5]), "it leans against something");
+        assert!(!shows(&[Link::Link0, Link::Hand, Link::LeftFinger, Link::RightFinger]), "its hand is among things");
+        let elsewhere = RecoverySettings { world_from_base: Isometry3::translation(0.0, 3.0, 0.0), ..settings.clone() };
+        assert!(!shows_arm(&with_points_of(&LINKS), &READY, FINGER_OPENING_MAX_M, &elsewhere), "another robot's place");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use repose_executive::{AskedRecovery, IdentifiedScene};
+use repose_executive::{AskedRecovery, IdentifiedScene, SHOWS_WITHIN, newest_after};
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, Payload, Service, keys};
@@ -129,10 +129,12 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
     }
 }
 
-/// The newest scene, of a camera that knows where it stands.
+/// A scene of a camera that knows where it stands: one seen from now on, for the arm has moved a moment ago; of a camera that shows nothing new its newest.
 async fn newest_scene(args: &RobotArgs, session: &Session) -> Result<IdentifiedScene, Failure> {
+    let now_ns = client::robot_state(session, &args.robot, Duration::from_millis(args.deadline_ms)).await?.stamp_ns;
     let newest = async {
-        let summary = client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await?;
+        let newest = async || client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await.map_err(Failure::into_error);
+        let summary = newest_after(newest, now_ns, SHOWS_WITHIN).await?;
         let scene = client::whole_scene(session, &summary.scene_id, SCENE_WITHIN).await?;
         Ok::<_, Failure>((summary.scene_id, scene))
     };

@@ -4,12 +4,12 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use repose_executive::{AskedRecovery, IdentifiedScene};
+use repose_executive::{AskedRecovery, IdentifiedScene, SHOWS_WITHIN, newest_after};
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPlan, MotionPlanRequest, RecoverReply, RecoveryMove};
 use repose_proto::robot::RobotState;
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, Message as _, Payload, Scene, Service};
-use repose_runtime::{Answer, CallOptions, call_moving};
+use repose_runtime::{Answer, CallOptions, call_moving, robot_state};
 use tokio::sync::mpsc;
 
 use crate::arm::{PlanShown, world_from_base};
@@ -90,7 +90,10 @@ pub async fn recover(
     let scene = match motion {
         RecoveryMove::Open => None,
         RecoveryMove::Retreat | RecoveryMove::Home if unchecked => None,
-        RecoveryMove::Retreat | RecoveryMove::Home => Some(surroundings(cell, camera).await.map_err(|why| unseen(camera, &why))?),
+        RecoveryMove::Retreat | RecoveryMove::Home => {
+            let now_ns = robot_state(cell.session(), robot, SHOWS_WITHIN).await?.stamp_ns;
+            Some(surroundings(cell, camera, now_ns).await.map_err(|why| unseen(camera, &why))?)
+        }
     };
     let recovery = AskedRecovery::new(robot, motion, scene.as_ref())?;
     let mut answer = moving(cell, "recover", recovery.by_id()?, None).await;
@@ -100,9 +103,10 @@ pub async fn recover(
     answer?.payload.decode_json()
 }
 
-/// The newest scene of a camera that knows where it stands: what an arm's way can be checked against.
-async fn surroundings(cell: &WatchedCell, camera: &str) -> Result<IdentifiedScene, CallError> {
-    let summary = cell.newest(camera).await?;
+/// What an arm's way can be checked against: a scene of a camera that knows where it stands, seen from `now_ns` on, for the arm may have moved a moment ago;
+/// of a camera that shows nothing new its newest.
+async fn surroundings(cell: &WatchedCell, camera: &str, now_ns: u64) -> Result<IdentifiedScene, CallError> {
+    let summary = newest_after(|| cell.newest(camera), now_ns, SHOWS_WITHIN).await?;
     let newest = cell.scene(&summary.scene_id).await?;
     match newest.meta.world_frame {
         WorldFrame::Extrinsics => Ok((summary.scene_id, newest)),

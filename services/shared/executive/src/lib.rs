@@ -13,5 +13,5 @@ pub mod sequence;
 mod site;
 mod tried;
 
-pub use site::{AskedRecovery, COUNT, IdentifiedScene, MoveStage, Site};
+pub use site::{AskedRecovery, COUNT, IdentifiedScene, MoveStage, SHOWS_WITHIN, Site, newest_after};
 pub use tried::Tried;

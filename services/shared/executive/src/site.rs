@@ -15,6 +15,9 @@ pub const COUNT: u32 = 5;
 /// Between two looks for a fresh view.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
+/// Within this time a camera that works shows something new, scene and all.
+pub const SHOWS_WITHIN: Duration = Duration::from_secs(2);
+
 /// A scene and its id.
 pub type IdentifiedScene = (String, Scene);
 
@@ -29,6 +32,25 @@ pub enum MoveStage {
     Planning,
     /// The robot moves.
     Moving,
+}
+
+/// A camera's `newest` scene, in short, as soon as that was seen after an instant of the camera's clock; where none such comes within `patience`, the newest
+/// all the same.
+///
+/// # Errors
+/// Those of `newest`.
+pub async fn newest_after<F>(newest: impl Fn() -> F, instant_ns: u64, patience: Duration) -> Result<SceneSummary, CallError>
+where
+    F: Future<Output = Result<SceneSummary, CallError>>,
+{
+    let give_up = tokio::time::Instant::now() + patience;
+    loop {
+        let summary = newest().await?;
+        if summary.stamp_ns > instant_ns || tokio::time::Instant::now() >= give_up {
+            return Ok(summary);
+        }
+        tokio::time::sleep(LOOK_EVERY).await;
+    }
 }
 
 /// A cell and one of its robots, at the hands of whoever has goals brought about.
@@ -89,19 +111,13 @@ pub trait Site: Send + Sync {
     fn view_after(&self, instant_ns: u64) -> impl Future<Output = Result<IdentifiedScene, CallError>> + Send {
         async move {
             self.begins(MoveStage::Looking);
-            let give_up = tokio::time::Instant::now() + self.deadline();
-            loop {
-                let summary = self.newest().await?;
-                if summary.stamp_ns > instant_ns {
-                    let scene = self.scene(&summary.scene_id).await?;
-                    return Ok((summary.scene_id, scene));
-                }
-                if tokio::time::Instant::now() >= give_up {
-                    let message = format!("camera {} has shown nothing new in {} ms", self.camera(), self.deadline().as_millis());
-                    return Err(CallError::new(ErrorCode::DeadlineExceeded, message));
-                }
-                tokio::time::sleep(LOOK_EVERY).await;
+            let summary = newest_after(|| self.newest(), instant_ns, self.deadline()).await?;
+            if summary.stamp_ns <= instant_ns {
+                let message = format!("camera {} has shown nothing new in {} ms", self.camera(), self.deadline().as_millis());
+                return Err(CallError::new(ErrorCode::DeadlineExceeded, message));
             }
+            let scene = self.scene(&summary.scene_id).await?;
+            Ok((summary.scene_id, scene))
         }
     }
 
