@@ -75,6 +75,9 @@ pub struct MotionConfig {
     pub command_period_ms: u64,
     /// How long a command may be acted on after receipt, milliseconds. Default 500.
     pub command_ttl_ms: u64,
+    /// How long the robot's state may be silent in an execution, milliseconds, 500 to 10,000. Default 1500; higher bears slower links and machines,
+    /// and lost robots are noticed later. A robot may take as long to take a command, and 2 s at least.
+    pub robot_silence_ms: u64,
     /// How long fingers may take to settle, milliseconds of robot time, 500 to 60,000. Default 3000; slow fingers need longer. Fingers that still move then
     /// stop the execution.
     pub gripper_timeout_ms: f64,
@@ -143,6 +146,7 @@ impl Default for MotionConfig {
             on_client_loss: OnClientLoss::Stop,
             command_period_ms: 50,
             command_ttl_ms: execution.ttl_ms,
+            robot_silence_ms: execution.state_timeout_ms,
             gripper_timeout_ms: execution.gripper_timeout_ms,
             robot_timeout_ms: 3000,
             threads: 1,
@@ -312,14 +316,19 @@ impl MotionConfig {
         let two_periods_ms = 2.0 * self.command_period_ms as f64;
         within("command_horizon_ms", self.command_horizon_ms, two_periods_ms.max(200.0), 10_000.0)?;
         within("command_ttl_ms", self.command_ttl_ms as f64, two_periods_ms, 10_000.0)?;
+        within("robot_silence_ms", self.robot_silence_ms as f64, 500.0, 10_000.0)?;
         within("gripper_timeout_ms", self.gripper_timeout_ms, 500.0, 60_000.0)?;
+        let defaults = ExecutionSettings::default();
         Ok(ExecutionSettings {
             model: self.model()?,
             world_from_base: self.base()?,
             horizon_ms: self.command_horizon_ms,
             ttl_ms: self.command_ttl_ms,
+            // What a robot has taken only its states show.
+            take_timeout_ms: defaults.take_timeout_ms.max(self.robot_silence_ms),
+            state_timeout_ms: self.robot_silence_ms,
             gripper_timeout_ms: self.gripper_timeout_ms,
-            ..ExecutionSettings::default()
+            ..defaults
         })
     }
 }
@@ -436,6 +445,16 @@ mod tests {
         assert_eq!((sent(400.0, 200), sent(200.0, 100)), (Ok(400.0), Ok(200.0)));
         assert_eq!(sent(199.0, 5).unwrap_err().field, "command_horizon_ms");
         assert_eq!(sent(1000.0, 201).unwrap_err().field, "command_period_ms");
+    }
+
+    #[test]
+    fn a_robot_may_be_silent_for_as_long_as_is_set_and_takes_commands_as_late() {
+        let borne = |robot_silence_ms| {
+            let config = MotionConfig { robot_silence_ms, ..MotionConfig::default() };
+            config.execution().map(|s| (s.state_timeout_ms, s.take_timeout_ms)).map_err(|e| e.field)
+        };
+        assert_eq!((borne(500), borne(1500), borne(10_000)), (Ok((500, 2000)), Ok((1500, 2000)), Ok((10_000, 10_000))));
+        assert_eq!((borne(499), borne(10_001)), (Err("robot_silence_ms"), Err("robot_silence_ms")));
     }
 
     #[test]
