@@ -5,6 +5,7 @@ mod common;
 use common::{Robot, plan, task};
 use repose_motion::execution::{Execution, ExecutionAction, ExecutionSettings};
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome};
+use repose_proto::robot::Owner;
 
 /// Cancels the first stream after its states have been lost for so long; the arm must not be sent back on its way.
 fn cancelled_after(silent_ms: u64) -> ExecuteReply {
@@ -38,6 +39,23 @@ fn cancelled_after(silent_ms: u64) -> ExecuteReply {
         }
     }
     panic!("the execution never ended");
+}
+
+#[test]
+fn a_robot_is_not_silent_while_it_is_not_listened_to() {
+    let robot = Robot::new();
+    let settings = ExecutionSettings::default();
+    let (mut execution, _) = Execution::begin(plan(), task(), &robot.state, 0, settings).unwrap();
+    let ends = |steps: &[ExecutionAction]| steps.iter().any(|step| matches!(step, ExecutionAction::Done(_)));
+    let mut shown = robot.state.clone();
+    // It shows that it has taken the first command, and the process stands still until long after it would be taken for silent.
+    (shown.owner, shown.last_command) = (Some(Owner { id: task().commander, epoch: 1 }), Some(1));
+    shown.gripper_settled = false;
+    assert!(!ends(&execution.on_state(&shown, 50)) && !ends(&execution.on_tick(60)));
+    assert!(!ends(&execution.on_tick(60_000)), "its states may have come meanwhile, and be read after this");
+    // It is missed all the same where it stays silent.
+    let missed_ms = (60_050u64..).step_by(50).find(|now_ms| ends(&execution.on_tick(*now_ms))).unwrap();
+    assert!(missed_ms <= 60_000 + settings.state_timeout_ms, "{missed_ms}");
 }
 
 #[test]

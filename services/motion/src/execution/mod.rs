@@ -51,6 +51,8 @@ pub enum ExecutionAction {
 /// How near to the plan's end the arm must be to have reached it, radians per joint. Where a phase follows, the robot's tolerance of its first
 /// set-point decides.
 const ARRIVED_RAD: f64 = 0.02;
+/// Ticks that are further apart than this, milliseconds, are so because this process waited for a core or was stopped.
+const LONGEST_TICK_MS: u64 = 400;
 /// Share of the width at the grasp by which the fingers close further when the object has gone.
 const CLOSED_SHARE: f64 = 0.3;
 
@@ -74,6 +76,9 @@ pub struct Execution {
     fingers: Fingers,
     last_state: RobotState,
     last_state_ms: u64,
+    /// Since when the robot is silent: its last state came then, or later where this process stood still itself.
+    silent_since_ms: u64,
+    last_tick_ms: u64,
     /// Set when it was cancelled on its way.
     halt: Option<Halt>,
     /// Set when it was cancelled while the fingers moved: why.
@@ -168,6 +173,8 @@ impl Execution {
             fingers: Fingers::of(state),
             last_state: state.clone(),
             last_state_ms: now_ms,
+            silent_since_ms: now_ms,
+            last_tick_ms: now_ms,
             halt: None,
             cancelled: None,
             over: false,
@@ -183,6 +190,7 @@ impl Execution {
         }
         self.last_state = state.clone();
         self.last_state_ms = now_ms;
+        self.silent_since_ms = now_ms;
         self.fingers.see(state);
         if let (RobotMode::Stopped, stop) = (state.mode, &state.stop) {
             let reason = stop.as_ref().map_or_else(|| "the robot stopped".to_owned(), |s| format!("{}: {}", s.kind, s.reason));
@@ -225,7 +233,11 @@ impl Execution {
         if self.over {
             return Vec::new();
         }
-        let silent_ms = now_ms.saturating_sub(self.last_state_ms);
+        // States that came while this process stood still may be read only after this tick.
+        let stood_still_ms = now_ms.saturating_sub(self.last_tick_ms + LONGEST_TICK_MS);
+        self.last_tick_ms = now_ms;
+        self.silent_since_ms = now_ms.min(self.silent_since_ms + stood_still_ms);
+        let silent_ms = now_ms - self.silent_since_ms;
         if silent_ms > self.settings.state_timeout_ms {
             return self.stopped(format!("the robot's state has been silent for {silent_ms} ms"));
         }

@@ -16,7 +16,7 @@ pub struct ExecutionSettings {
     pub ttl_ms: u64,
     /// How long the robot may take to take a command, milliseconds; it is repeated until then. Default 2000.
     pub take_timeout_ms: u64,
-    /// How long the robot's state may be silent, milliseconds. Default 1500.
+    /// How long the robot's state may be silent, milliseconds in which this process ran itself. Default 1500.
     pub state_timeout_ms: u64,
     /// How long the gripper may take to settle, milliseconds of robot time; then whether it stands, and where, decides. Default 3000.
     pub gripper_timeout_ms: f64,
