@@ -4,12 +4,12 @@ mod common;
 
 use std::process::Output;
 
-use common::{Deployment, newest_scene, repose};
+use common::{Deployment, newest_scene};
 use repose_proto::{ObjectSummary, Service};
 use serde_json::Value;
 
 async fn arrange(deployment: &Deployment, goals: &[&str]) -> (Output, Value) {
-    let mut command = repose();
+    let mut command = deployment.command();
     command.args(["--json", "arrange", "--execute", "--connect", deployment.endpoint()]);
     command.args(goals.iter().flat_map(|goal| ["--goal", goal]));
     let output = tokio::task::spawn_blocking(move || command.output()).await.expect("no panic").expect("the program runs");

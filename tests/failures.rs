@@ -17,7 +17,8 @@ const DEADLINE_MS: usize = 60_000;
 #[tokio::test(flavor = "multi_thread")]
 async fn requests_survive_a_killed_and_a_stopped_inference_worker() {
     let services = [(Service::Simulator, 1), (Service::Perception, 1), (Service::Inference, 3), (Service::Planner, 2)];
-    let deployment = Deployment::start(&services).await;
+    // As by default: the stopped one is missed as it would be anywhere.
+    let deployment = Deployment::start_impatient(&services).await;
     let session = deployment.session().await;
     newest_scene(&session).await;
 

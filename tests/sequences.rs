@@ -4,7 +4,7 @@ mod common;
 
 use std::process::Output;
 
-use common::{Deployment, newest_scene, repose};
+use common::{Deployment, newest_scene};
 use repose_proto::Service;
 use serde_json::Value;
 
@@ -13,7 +13,7 @@ async fn place(deployment: &Deployment, arguments: &[&str]) -> (Output, Value) {
 }
 
 async fn run(deployment: &Deployment, command_name: &[&str], arguments: &[&str]) -> (Output, Value) {
-    let mut command = repose();
+    let mut command = deployment.command();
     command.arg("--json").args(command_name).args(["--connect", deployment.endpoint()]).args(arguments);
     let output = tokio::task::spawn_blocking(move || command.output()).await.expect("no panic").expect("the program runs");
     let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);

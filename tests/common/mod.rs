@@ -14,6 +14,13 @@ use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode, fetch_sce
 /// How long anything here may take before the test gives up.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
+/// Who waits long for a core on a busy machine is not lost, nor is its link: …
+const PATIENT: [(&str, &str); 3] =
+    [("REPOSE_MOTION__COMMAND_TTL_MS", "10000"), ("REPOSE_MOTION__ROBOT_SILENCE_MS", "10000"), ("REPOSE_SESSION__LEASE_MS", "10000")];
+/// … for tests of what becomes of the lost, where somebody is missed nearly as soon as by default.
+const IMPATIENT: [(&str, &str); 3] =
+    [("REPOSE_MOTION__COMMAND_TTL_MS", "2000"), ("REPOSE_MOTION__ROBOT_SILENCE_MS", "1500"), ("REPOSE_SESSION__LEASE_MS", "2500")];
+
 /// The program under test.
 pub fn repose() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_repose"));
@@ -48,20 +55,31 @@ pub struct Deployment {
     router: Option<Process>,
     /// The simulated cell's scene, where it is not the usual one.
     seed: Option<u64>,
+    /// Whether nobody is missed who is silent for some seconds.
+    patient: bool,
 }
 
 impl Deployment {
     /// Starts a router and the given services, and waits until all of them are alive.
     pub async fn start(services: &[(Service, usize)]) -> Self {
-        Self::start_on(None, services).await
+        Self::start_as(None, true, services).await
     }
 
     /// The same with another scene in the simulated cell.
     pub async fn start_on(seed: Option<u64>, services: &[(Service, usize)]) -> Self {
+        Self::start_as(seed, true, services).await
+    }
+
+    /// The same where whoever falls silent is missed soon.
+    pub async fn start_impatient(services: &[(Service, usize)]) -> Self {
+        Self::start_as(None, false, services).await
+    }
+
+    async fn start_as(seed: Option<u64>, patient: bool, services: &[(Service, usize)]) -> Self {
         // The port is free when it is asked for; the router takes it right after.
         let port = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address").port();
         let endpoint = format!("tcp/127.0.0.1:{port}");
-        let mut deployment = Self { endpoint, processes: Vec::new(), router: None, seed };
+        let mut deployment = Self { endpoint, processes: Vec::new(), router: None, seed, patient };
         deployment.start_router();
         for (service, count) in services {
             for _ in 0..*count {
@@ -91,18 +109,16 @@ impl Deployment {
 
     /// Starts one more worker that finds the router at another endpoint.
     pub fn add_at(&mut self, service: Service, endpoint: &str, threads: usize) {
-        let mut command = repose();
+        let mut command = self.command();
         command.args(["serve", service.as_str(), "--connect", endpoint]);
         command.env("REPOSE_INFERENCE__THREADS", threads.to_string());
-        // A motion process that waits half a second for a core is not lost.
-        command.env("REPOSE_MOTION__COMMAND_TTL_MS", "2000");
         command.envs(self.seed.map(|seed| ("REPOSE_SIMULATOR__SEED", seed.to_string())));
         self.processes.push((service, Process(command.spawn().expect("a service"))));
     }
 
     /// Starts the router, again where it was killed.
     pub fn start_router(&mut self) {
-        let mut command = repose();
+        let mut command = self.command();
         self.router = Some(Process(command.args(["serve", "router", "--connect", &self.endpoint]).spawn().expect("the router")));
     }
 
@@ -133,11 +149,21 @@ impl Deployment {
         &self.endpoint
     }
 
+    /// The program under test, as patient as everybody here.
+    pub fn command(&self) -> Command {
+        let mut command = repose();
+        command.envs(if self.patient { PATIENT } else { IMPATIENT });
+        command
+    }
+
     /// A client session.
     pub async fn session(&self) -> Session {
         let mut config = RuntimeConfig::default();
         config.session.mode = SessionMode::Client;
         config.session.connect = vec![self.endpoint.clone()];
+        if self.patient {
+            config.session.lease_ms = 10_000;
+        }
         Session::open(config).await.expect("a session")
     }
 }
