@@ -15,6 +15,8 @@ use serde_json::{Value, json};
 
 /// What it may take to say that a pool is not there: a second, and the start of the program on a busy machine.
 const SAID_WITHIN: Duration = Duration::from_secs(4);
+/// How often it may be tried: a machine that stands still for a second is slow once, and a program that is slow always.
+const TRIES: usize = 5;
 
 /// Waits until `up` says that it is.
 fn is_up(said: &Path) -> Value {
@@ -62,6 +64,18 @@ fn run(endpoint: &str, arguments: &[&str]) -> (Output, Value, Duration) {
     (output, document, begin.elapsed())
 }
 
+/// Looks until what is printed is as it should be.
+fn seen(endpoint: &str, arguments: &[&str], is_right: impl Fn(&Value) -> bool) {
+    let give_up = Instant::now() + PATIENCE;
+    loop {
+        let (_, document, _) = run(endpoint, arguments);
+        if is_right(&document) {
+            return;
+        }
+        assert!(Instant::now() < give_up, "{arguments:?}: {document:#}");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn two_simulated_cells_share_one_pool_and_each_is_answered_for_its_own_scene() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -85,18 +99,24 @@ async fn two_simulated_cells_share_one_pool_and_each_is_answered_for_its_own_sce
     let unknown = caller.place(&elsewhere, None, CallOptions::within(PATIENCE)).await.expect_err("no such scene");
     assert_eq!((unknown.code, unknown.field.as_deref()), (ErrorCode::NotFound, Some("scene_id")), "{unknown}");
 
-    let (_, named, _) = run(&endpoint, &["cells"]);
     let cell = |name: &str| json!({"cell": name, "cameras": ["front"], "robots": ["panda"], "workers": {"perception": 1, "motion": 1, "simulator": 1}});
     let rack = json!({"cell": "rack", "cameras": [], "robots": [], "workers": {"inference": 1, "planner": 1}});
-    assert_eq!(named, json!({"cells": [cell("cell-1"), cell("cell-2"), rack]}));
-    let (_, status, _) = run(&endpoint, &["status", "--cell", "cell-2", "--pool", "rack"]);
-    let wrong = status["wrong"].as_array().expect("sentences");
-    assert!(!wrong.iter().any(|sentence| sentence.as_str().is_some_and(|s| s.starts_with("no "))), "{status:#}");
+    // Who waits for a core is not heard while it is listened, and is heard the next time.
+    let all = json!({"cells": [cell("cell-1"), cell("cell-2"), rack]});
+    seen(&endpoint, &["cells"], |named| *named == all);
+    seen(&endpoint, &["status", "--cell", "cell-2", "--pool", "rack"], |status| {
+        let wrong = status["wrong"].as_array().expect("sentences");
+        !wrong.iter().any(|sentence| sentence.as_str().is_some_and(|s| s.starts_with("no ")))
+    });
 
-    let (output, document, took) = run(&endpoint, &["place", "--cell", "cell-1", "--pool", "rakc", "--move", "1", "--goal", "near:2"]);
-    assert_eq!((output.status.code(), &document["error"]["field"]), (Some(1), &json!("pool")), "{document}");
-    assert!(document["error"]["message"].as_str().is_some_and(|message| message.contains("rack")), "{document}");
-    assert!(took < SAID_WITHIN, "{took:?}");
+    for tries in 1.. {
+        let (output, document, took) = run(&endpoint, &["place", "--cell", "cell-1", "--pool", "rakc", "--move", "1", "--goal", "near:2"]);
+        assert_eq!((output.status.code(), &document["error"]["field"]), (Some(1), &json!("pool")), "{document}");
+        if took < SAID_WITHIN && document["error"]["message"].as_str().is_some_and(|message| message.contains("rack")) {
+            break;
+        }
+        assert!(tries < TRIES, "{took:?}: {document}");
+    }
 
     // Killed before it can tell anybody: what it started ends all the same.
     first.close().await.expect("it closes");

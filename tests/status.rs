@@ -5,12 +5,21 @@ mod common;
 use std::process::Output;
 use std::time::{Duration, Instant};
 
-use common::{Deployment, newest_scene, repose};
+use common::{Deployment, PATIENCE, newest_scene, repose};
 use repose_proto::Service;
 use serde_json::Value;
 
 /// What it may take to say so: a second, and the start of the program on a busy machine.
 const SAID_WITHIN: Duration = Duration::from_secs(3);
+/// How often it may be tried: a machine that stands still for a second is slow once, and a program that is slow always.
+const TRIES: usize = 5;
+/// What is wrong with the system of this test.
+const WRONG: [&str; 2] = ["no inference worker is alive", "no planner worker is alive"];
+
+/// What is said to be wrong.
+fn wrong(status: &Value) -> Vec<&str> {
+    status["wrong"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
+}
 
 async fn run(deployment: &Deployment, arguments: &[&str]) -> (Output, Value, Duration) {
     let mut command = repose();
@@ -26,9 +35,19 @@ async fn run(deployment: &Deployment, arguments: &[&str]) -> (Output, Value, Dur
 async fn what_is_there_is_told_and_so_is_what_is_not() {
     let services = [Service::Simulator, Service::Perception, Service::Motion].map(|service| (service, 1));
     let deployment = Deployment::start(&services).await;
-    let scene = newest_scene(&deployment.session().await).await;
+    let session = deployment.session().await;
+    let scene = newest_scene(&session).await;
 
-    let (output, status, _) = run(&deployment, &["status"]).await;
+    // Somebody who waited for a core for a second is said to be silent, as he was: it is looked again until everybody was heard.
+    let give_up = Instant::now() + PATIENCE;
+    let (output, status) = loop {
+        let (output, status, _) = run(&deployment, &["status"]).await;
+        let is_seen = status["cameras"][0]["scenes_per_s"].as_f64().is_some_and(|rate| rate > 0.0);
+        if (is_seen && wrong(&status) == WRONG) || Instant::now() > give_up {
+            break (output, status);
+        }
+        newest_scene(&session).await;
+    };
     let said = || format!("{status:#}\n{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{}", said());
     let alive: Vec<&str> = status["workers"].as_array().expect("workers").iter().filter_map(|w| w["service"].as_str()).collect();
@@ -39,8 +58,7 @@ async fn what_is_there_is_told_and_so_is_what_is_not() {
     assert_eq!(status["cameras"][0]["camera"], "front", "{}", said());
     assert!(status["cameras"][0]["scenes_per_s"].as_f64().is_some_and(|rate| rate > 0.0), "{}", said());
     assert_eq!(status["robots"][0]["robot"], "panda", "{}", said());
-    let wrong: Vec<&str> = status["wrong"].as_array().expect("sentences").iter().filter_map(Value::as_str).collect();
-    assert_eq!(wrong, ["no inference worker is alive", "no planner worker is alive"], "{}", said());
+    assert_eq!(wrong(&status), WRONG, "{}", said());
 
     let folder = tempfile::tempdir().expect("a folder");
     let picture = folder.path().join("scene.png");
@@ -54,10 +72,14 @@ async fn what_is_there_is_told_and_so_is_what_is_not() {
         (["scene", "--cell", "lab"], 1, "cell", "cell"),
         (["robot", "state", "--robot=arm"], 1, "robot", "panda"),
     ] {
-        let (output, document, took) = run(&deployment, &arguments).await;
-        let error = &document["error"];
-        assert_eq!((output.status.code(), error["field"].as_str()), (Some(code), Some(field)), "{arguments:?}: {document}");
-        assert!(error["message"].as_str().is_some_and(|m| m.contains(there)), "{arguments:?}: {document}");
-        assert!(took < SAID_WITHIN, "{arguments:?} took {took:?}");
+        for tries in 1.. {
+            let (output, document, took) = run(&deployment, &arguments).await;
+            let error = &document["error"];
+            assert_eq!((output.status.code(), error["field"].as_str()), (Some(code), Some(field)), "{arguments:?}: {document}");
+            if took < SAID_WITHIN && error["message"].as_str().is_some_and(|message| message.contains(there)) {
+                break;
+            }
+            assert!(tries < TRIES, "{arguments:?} took {took:?}: {document}");
+        }
     }
 }
