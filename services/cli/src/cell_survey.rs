@@ -43,13 +43,13 @@ pub struct CameraHeard {
 }
 
 impl CameraHeard {
-    /// Its newest scene: the id, the number of objects, and how long ago it was made.
-    pub fn newest(&self) -> Option<(&str, usize, Duration)> {
-        let heard = self.scenes.as_ref().map(|scene| (&*scene.newest.scene_id, scene.newest.objects.len(), scene.at.elapsed()));
+    /// Its newest scene in a survey: the id, the number of objects, and how long ago it was made.
+    pub fn newest(&self, survey: &CellSurvey) -> Option<(&str, usize, Duration)> {
+        let heard = self.scenes.as_ref().map(|scene| (&*scene.newest.scene_id, scene.newest.objects.len(), survey.age(scene.at)));
         let told = || {
             let told = self.told.as_ref()?;
             let newest = told.newest.newest.as_ref()?;
-            Some((&*newest.scene_id, newest.objects, Duration::from_millis(newest.age_ms) + told.at.elapsed()))
+            Some((&*newest.scene_id, newest.objects, Duration::from_millis(newest.age_ms) + survey.age(told.at)))
         };
         heard.or_else(told)
     }
@@ -66,10 +66,10 @@ impl CameraHeard {
         Some(frames as f64 / told.at.duration_since(told.first_at).as_secs_f64())
     }
 
-    /// How long ago it showed something, as far as is known.
-    pub fn silent(&self) -> Option<Duration> {
-        let told = self.told.as_ref().map(|told| Duration::from_millis(told.newest.frame_age_ms) + told.at.elapsed());
-        told.or_else(|| self.scenes.as_ref().map(|scene| scene.at.elapsed()))
+    /// How long ago it showed something, as far as a survey knows.
+    pub fn silent(&self, survey: &CellSurvey) -> Option<Duration> {
+        let told = self.told.as_ref().map(|told| Duration::from_millis(told.newest.frame_age_ms) + survey.age(told.at));
+        told.or_else(|| self.scenes.as_ref().map(|scene| survey.age(scene.at)))
     }
 
     /// The least time from a stamp to its arrival, milliseconds: by this host's clock where a scene was heard, else by the worker's.
@@ -123,6 +123,15 @@ pub struct CellSurvey {
     pub cameras: BTreeMap<String, CameraHeard>,
     /// Robots whose states were heard.
     pub robots: BTreeMap<String, Received<RobotState>>,
+    /// When listening was to end; none before it began.
+    until: Option<Instant>,
+}
+
+impl CellSurvey {
+    /// How long before the end of listening something came. Who listens may wait for a core after that: nobody else was silent meanwhile.
+    pub fn age(&self, at: Instant) -> Duration {
+        self.until.map_or(Duration::ZERO, |until| until.saturating_duration_since(at))
+    }
 }
 
 impl CellListener {
@@ -183,6 +192,7 @@ impl CellListener {
                 }
             }
         }
+        heard.until = Some(until.deadline());
         let lives = self.lives.current();
         let alive: Vec<(&str, Service, &str)> = lives.iter().filter_map(|key| keys::of_live(key)).collect();
         heard.cells = alive.iter().map(|(cell, _, _)| (*cell).to_owned()).collect();

@@ -108,21 +108,21 @@ impl Status<'_> {
             let rates = load.as_ref().and_then(Rates::of);
             json!({
                 "service": name.service, "cell": name.cell, "worker": name.worker,
-                "silent_ms": load.as_ref().map(|l| l.at.elapsed().as_millis() as u64),
+                "silent_ms": load.as_ref().map(|l| heard.age(l.at).as_millis() as u64),
                 "calls_per_s": rates.map(|rates| rates.calls_per_s), "errors_per_s": rates.map(|rates| rates.errors_per_s),
                 "lag_ms": load.as_ref().and_then(|l| l.lag_ms), "load": load.as_ref().map(|l| &l.newest),
             })
         };
         let camera = |(name, camera): (&String, &CameraHeard)| {
-            let newest = camera.newest();
+            let newest = camera.newest(heard);
             json!({
-                "camera": name, "frames_per_s": camera.frames_per_s(), "silent_ms": camera.silent().map(|silent| silent.as_millis() as u64),
+                "camera": name, "frames_per_s": camera.frames_per_s(), "silent_ms": camera.silent(heard).map(|silent| silent.as_millis() as u64),
                 "scene_id": newest.map(|newest| newest.0), "objects": newest.map(|newest| newest.1),
                 "scenes_per_s": camera.scenes_per_s(self.seconds), "age_ms": newest.map(|newest| newest.2.as_millis() as u64),
                 "lag_ms": camera.lag_ms(),
             })
         };
-        let robot = |(name, state): (&String, &Received<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": state.at.elapsed().as_millis() as u64, "lag_ms": state.lag_ms, "state": state.newest});
+        let robot = |(name, state): (&String, &Received<RobotState>)| json!({"robot": name, "states_per_s": state.count as f64 / self.seconds, "age_ms": heard.age(state.at).as_millis() as u64, "lag_ms": state.lag_ms, "state": state.newest});
         json!({
             "cell": self.cell, "pool": self.pool, "cells": heard.cells,
             "workers": heard.workers.iter().map(worker).collect::<Vec<_>>(),
@@ -142,7 +142,7 @@ impl Status<'_> {
         }
         for (name, camera) in &self.heard.cameras {
             let frames = camera.frames_per_s().map_or_else(String::new, |rate| format!("{rate:.1} frames/s, "));
-            let newest = match camera.newest() {
+            let newest = match camera.newest(self.heard) {
                 Some((_, objects, age)) => format!("newest has {objects} objects, {}", ago(age)),
                 None => "none was made yet".to_owned(),
             };
@@ -207,8 +207,8 @@ impl Status<'_> {
         for (name, load) in &heard.workers {
             let (service, worker) = (name.service, self.worker(name));
             match load {
-                Some(load) if load.at.elapsed() > SILENT => {
-                    wrong.push(format!("{service} {worker} told its load {} and is taken for suspect", ago(load.at.elapsed())));
+                Some(load) if heard.age(load.at) > SILENT => {
+                    wrong.push(format!("{service} {worker} told its load {} and is taken for suspect", ago(heard.age(load.at))));
                 }
                 Some(load) if load.newest.queue_capacity > 0 && load.newest.queue_depth >= load.newest.queue_capacity => {
                     wrong.push(format!("the queue of {service} {worker} is full: calls are refused"));
@@ -239,7 +239,7 @@ impl Status<'_> {
         if heard.cameras.is_empty() {
             wrong.push("no camera showed anything while this was listened to".to_owned());
         }
-        let silent = heard.cameras.iter().filter_map(|(name, camera)| Some((name, camera.silent().filter(|silent| *silent > STALE)?)));
+        let silent = heard.cameras.iter().filter_map(|(name, camera)| Some((name, camera.silent(heard).filter(|silent| *silent > STALE)?)));
         wrong.extend(silent.map(|(name, silent)| format!("camera {name} has shown nothing for {:.1} s", silent.as_secs_f64())));
         for (name, robot) in &heard.robots {
             if let Some(stop) = &robot.newest.stop {
@@ -248,8 +248,8 @@ impl Status<'_> {
                     stop.reason, stop.kind
                 ));
             }
-            if robot.at.elapsed() > SILENT {
-                wrong.push(format!("robot {name} told its state {}", ago(robot.at.elapsed())));
+            if heard.age(robot.at) > SILENT {
+                wrong.push(format!("robot {name} told its state {}", ago(heard.age(robot.at))));
             }
         }
         wrong.extend(wrong_with(&self.clocks()));
