@@ -195,11 +195,19 @@ mod tests {
         // Each iteration asks twice at least: a hundred take ten seconds, one a small part of the deadline.
         let request = PlaceRequest { variant: Variant::Full, budget: Budget { iterations: Some(100), ..Budget::default() }, ..request };
         let deadline = Duration::from_secs(3);
-        let begin = Instant::now();
-        let result = worker.plan(JobContext::within(deadline), scene, request, Slow(Fake::new(&[BESIDE])), |_| ()).await.unwrap();
-        assert!(begin.elapsed() < deadline, "{:?}", begin.elapsed());
-        assert_eq!((result.outcome, result.placements.len()), (Outcome::Partial, 1));
-        assert!((1..100).contains(&result.iterations), "{}", result.iterations);
+        // A machine that stands still about the deadline is late once, and a search that overlooks it always.
+        for tries in 1.. {
+            let (scene, request, begin) = (scene.clone(), request.clone(), Instant::now());
+            let ended = worker.plan(JobContext::within(deadline), scene, request, Slow(Fake::new(&[BESIDE])), |_| ()).await;
+            let took = begin.elapsed();
+            if took < deadline {
+                let result = ended.unwrap();
+                assert_eq!((result.outcome, result.placements.len()), (Outcome::Partial, 1));
+                assert!((1..100).contains(&result.iterations), "{}", result.iterations);
+                break;
+            }
+            assert!(tries < 5, "{took:?}: {ended:?}");
+        }
     }
 
     #[test]
