@@ -17,6 +17,7 @@ use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, Message, Payload, RigidTransform, Scene, SceneRef, Service};
 use repose_runtime::{Answer, CallOptions, Caller, Session, Shutdown, Traffic};
+use tokio::time::MissedTickBehavior;
 
 /// The synthetic table as perception would send it.
 fn scene() -> Scene {
@@ -49,7 +50,7 @@ impl Running {
     async fn start() -> Self {
         let session = Session::embedded().await.unwrap();
         let shutdown = Shutdown::new();
-        let config = MotionConfig { robot_timeout_ms: 1500, command_period_ms: 10, ..MotionConfig::default() };
+        let config = MotionConfig { robot_timeout_ms: 5000, command_period_ms: 10, ..MotionConfig::default() };
         let service = tokio::spawn(run(session.clone(), config, shutdown.clone()));
         let caller = session.caller(Service::Motion).await.unwrap();
         caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
@@ -68,6 +69,8 @@ impl Running {
         let shown = robot.clone();
         tokio::spawn(async move {
             let mut ticks = tokio::time::interval(Duration::from_millis(1));
+            // While nothing of this process runs, no time passes for the robot: one that made up for a pause would outrun its commander.
+            ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
             loop {
                 tokio::select! {
                     Some(sample) = commands.recv() => shown.lock().unwrap().take(&sample.payload.decode_json::<RobotCommand>().unwrap()),
