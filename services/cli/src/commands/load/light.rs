@@ -18,6 +18,8 @@ use crate::failure::Failure;
 
 /// By how much each cell's scene is off the one before it, metres: nothing to a search, and another content.
 const APART_M: f32 = 1e-6;
+/// States that may wait to be counted: those of some seconds.
+const WAITING: usize = 1024;
 /// What its robot and its camera are called.
 const ROBOT: &str = "panda";
 const CAMERA: &str = "front";
@@ -83,7 +85,8 @@ impl LightCell {
         let handler = OneScene { k, camera, scene_id: scene_id.clone(), counts: counts.clone() };
         let perception = session.start(Service::Perception, Arc::new(handler)).await?;
         let mut streams = JoinSet::new();
-        let mut heard = session.subscribe_latest(&session.cell().robot_state(ROBOT)).await?;
+        // All are counted, those too that came while whoever counts them waited for a core.
+        let mut heard = session.subscribe_queue(&session.cell().robot_state(ROBOT), WAITING).await?;
         let hearing = counts.clone();
         streams.spawn(async move {
             while heard.recv().await.is_some() {
