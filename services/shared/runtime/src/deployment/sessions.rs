@@ -18,12 +18,16 @@ pub(super) const PATIENCE: Duration = Duration::from_secs(5);
 /// How much longer than the network a question waits for its end: a trial ends, whatever the network does.
 const MARGIN: Duration = Duration::from_secs(1);
 
+/// How long a silent link is believed in: a trial judges rules, not links, and on a busy machine dozens of sessions open at once.
+const LEASE_MS: u64 = 10_000;
+
 /// A client's session with a Zenoh file.
 async fn open(endpoint: &str, file: PathBuf) -> Result<Session, RuntimeError> {
     let mut config = RuntimeConfig::default();
     config.session.mode = SessionMode::Client;
     config.session.zenoh_file = Some(file);
     config.session.connect = vec![in_one_stream(endpoint)];
+    config.session.lease_ms = LEASE_MS;
     Session::open(config).await
 }
 
