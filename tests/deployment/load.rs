@@ -2,6 +2,7 @@
 
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::OsStrExt;
+use std::process::Command;
 
 use serde_json::Value;
 
@@ -11,8 +12,18 @@ fn load(args: &[&str]) -> Value {
     load_with_log(args).0
 }
 
-fn load_with_log(args: &[impl AsRef<OsStr>]) -> (Value, String) {
+/// The same where every request is to be answered: nobody is lost who waits some seconds for a core, and who has died is waited for.
+fn patient_load(args: &[&str]) -> Value {
     let mut command = repose();
+    command.env("REPOSE_SESSION__LEASE_MS", "10000").env("REPOSE_CALLER__WORKER_WAIT_MS", "20000");
+    run(command, args).0
+}
+
+fn load_with_log(args: &[impl AsRef<OsStr>]) -> (Value, String) {
+    run(repose(), args)
+}
+
+fn run(mut command: Command, args: &[impl AsRef<OsStr>]) -> (Value, String) {
     command.env("REPOSE_INFERENCE__THREADS", "1").args(["--json", "load", "--up", "--deadline-ms", "120000"]).args(args);
     let ended = command.output().expect("it runs");
     let said = || format!("{}{}", String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
@@ -60,7 +71,7 @@ fn several_processes_ask_what_one_would_have_asked() {
 
 #[test]
 fn light_cells_ask_a_pool_with_the_traffic_of_robots_beside_it() {
-    let report = load(&["--cells", "4", "--clients", "4", "--requests", "60", "--variant", "geometric", "--routers", "2"]);
+    let report = patient_load(&["--cells", "4", "--clients", "4", "--requests", "60", "--variant", "geometric", "--routers", "2"]);
     assert_eq!((count(&report, "lost"), count(&report, "duplicate")), (0, 0), "{report:#}");
     assert_eq!(count(&report, "result") + count(&report, "none"), 60, "{report:#}");
     let light = &report["light"];
@@ -75,7 +86,7 @@ fn light_cells_ask_a_pool_with_the_traffic_of_robots_beside_it() {
 #[test]
 fn of_two_routers_one_may_be_killed_while_placements_are_asked() {
     let more = ["--requests", "24", "--rate", "3", "--variant", "geometric", "--routers", "2", "--fault", "router:3s:1s"];
-    let report = load(&more);
+    let report = patient_load(&more);
     assert_eq!((report["requests"].as_u64(), count(&report, "lost"), count(&report, "duplicate")), (Some(24), 0, 0), "{report:#}");
     assert_eq!(count(&report, "result") + count(&report, "none"), 24, "{report:#}");
     let faults: Vec<&str> =

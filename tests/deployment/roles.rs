@@ -35,6 +35,8 @@ fn deploy_as(folder: &Path, text: impl FnOnce(u16) -> String) {
 fn serve(folder: &Path, what: &str, config: &str) -> Command {
     let mut command = repose();
     command.args(["serve", what, "--config"]).arg(folder.join("out").join(config));
+    // Who may do what is asked here, and not who is lost.
+    command.env("REPOSE_SESSION__LEASE_MS", "10000");
     command
 }
 
