@@ -62,7 +62,7 @@ async fn a_deployment_made_of_a_roles_file_works_and_keeps_everyone_to_their_rol
     let display = session(folder, "wall-display").await;
     let looking = display.caller(Service::Inference).await.expect("a caller");
     looking.wait_for_workers(1, PATIENCE).await.expect("a viewer sees workers");
-    let refused = looking.call("models", request, CallOptions::within(Duration::from_secs(3))).await.expect_err("and calls none");
+    let refused = looking.call("models", request, CallOptions::within(PATIENCE)).await.expect_err("and calls none");
     assert!(refused.message.contains("role") && refused.code == ErrorCode::FailedPrecondition, "{refused:?}");
 
     // What the program itself asks on a user's behalf is within what the user may see.
