@@ -85,6 +85,8 @@ domain = {domain}
 allow_execute = true
 [ros2.session]
 mode = "client"
+# As scripts/testing.sh has it for the cell's own: a bridge that waits some seconds for a core keeps its link.
+lease_ms = 10000
 connect = ["{ros}"]
 [[ros2.cameras]]
 name = "front"

@@ -34,8 +34,9 @@ class Cell:
     def __init__(self, program: str) -> None:
         self.program = program
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-        # A motion process that waits half a second for a core is not lost; a picture every half second is enough.
-        environment = {**os.environ, "REPOSE_MOTION__COMMAND_TTL_MS": "2000", "REPOSE_SIMULATOR__FRAME_PERIOD_MS": "500"}
+        # A motion process that waits half a second for a core is not lost, nor one that waits longer where the environment has it so;
+        # and two pictures a second are enough.
+        environment = {"REPOSE_MOTION__COMMAND_TTL_MS": "2000", **os.environ, "REPOSE_SIMULATOR__FRAME_PERIOD_MS": "500"}
         command = [program, "--json", "up", "--listen", self.endpoint, "--seed", "1"]
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, env=environment)
         assert self.process.stdout is not None
