@@ -117,7 +117,7 @@ def test_ten_pick_and_places_by_a_client_of_ros(programs, system, camera, arm, d
     detections = Seen(system, "/repose/front/detections", "vision_msgs/msg/Detection3DArray")
     ids = [int(d.id) for d in detections.after(0).detections]
     until("the arm is known", lambda: "standing" in str(diagnostics.messages[-1:]) or None)
-    done, tried, why = 0, 0, []
+    done, tried, why, held_up = 0, 0, [], 0
     pairs = [(a, b, r) for r in ("left_of", "right_of", "behind", "in_front_of") for a in ids for b in ids if a != b]
     for seed, (moved, anchor, relation) in enumerate(pairs):
         goals = len(arm.arm.goals)
@@ -132,6 +132,14 @@ def test_ten_pick_and_places_by_a_client_of_ros(programs, system, camera, arm, d
             assert len(arm.arm.goals) - goals == 6 + answer.phases.count("home")
         else:
             why.append((wish["object"], wish["goal"], answer.code, answer.message))
+            stop = (programs.robot_state() or {}).get("stop")
+            # The arm and its controllers are this process: where that waits for a core they are silent, which stops the arm.
+            # Three times is no chance.
+            if stop and stop["kind"] in ("joint_states_silent", "controller_silent"):
+                held_up += 1
+                assert held_up <= 2, why
+                for action in ("reset", "open", "home"):
+                    programs.robot(action)
         if done == 10:
             break
     print(f"{done} of {tried} carried out; not: {why}")
