@@ -1,5 +1,9 @@
 # What the test scripts share; sourced by them, from the repository's root.
 
+# On a machine that others use too a process may wait some seconds for a core: none is taken for lost for that, neither motion by the robot, nor the
+# robot by motion, nor either by the network. No test of these scripts is about how soon that is.
+export REPOSE_MOTION__COMMAND_TTL_MS=10000 REPOSE_MOTION__ROBOT_SILENCE_MS=10000 REPOSE_SESSION__LEASE_MS=10000
+
 # Sets and exports REPOSE, the program to test: the one that it names, else this build's.
 find_program() {
     if [ -z "${REPOSE:-}" ]; then

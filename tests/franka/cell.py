@@ -111,6 +111,11 @@ class Client:
         state = self.is_in("stopped")
         return state["stop"]["kind"] if state else None
 
+    def shown(self):
+        """The mode and the kind of the stop, as soon as there is a state that is new: on a machine that is busy the last one may be old."""
+        state = until(lambda: f"a state; {self.state}", self.fresh)
+        return state["mode"], (state["stop"] or {}).get("kind")
+
     def is_taken(self):
         """Whether the last command was taken."""
         return self.state["owner"] == self.owner and self.state["last_command"] == self.seq

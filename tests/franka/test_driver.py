@@ -57,7 +57,7 @@ class System:
         self.programs.start("motion", "serve", "motion", "--config", config, "--worker", "motion-1")
         self.programs.start("driver", "driver", "franka", "--config", config)
         until(lambda: f"a state; {self.programs.log('driver')}", self.client.fresh, 60)
-        assert self.client.stopped_by() == "driver_started", self.client.state
+        assert self.client.shown() == ("stopped", "driver_started"), self.client.state
         self.reset()
 
     def joined(self):
@@ -112,7 +112,7 @@ def system(tmp_path_factory):
 @pytest.fixture
 def at_ready(system):
     """The arm stands in its ready pose, and no stop is latched."""
-    if system.client.stopped_by():
+    if system.client.shown()[0] == "stopped":
         system.reset()
     system.go_to(READY_RAD)
     return system
@@ -124,6 +124,11 @@ def turned(by_rad):
 
 def velocity(state):
     return max(abs(v) for v in state["dq_rad_s"])
+
+
+def until_it_sets_out(client, from_rad):
+    """Waits until the arm is elsewhere, which stays so when it has arrived, or until it has stopped."""
+    until("it sets out", lambda: client.stopped_by() or (client.fresh() and apart(client.state["q_rad"], from_rad) > 1e-3))
 
 
 def at_rest_and_stays(system, kind):
@@ -138,11 +143,11 @@ def at_rest_and_stays(system, kind):
     while time.monotonic() < end:
         assert client.stopped_by() in (kind, None) and apart(client.state["q_rad"], stands) < 2e-3
         time.sleep(0.02)
-    assert client.stopped_by() == kind
+    assert client.shown() == ("stopped", kind)
 
 
 def test_it_connects_and_says_what_it_is(system):
-    state = system.client.fresh()
+    state = until("a state", system.client.fresh)
     assert (state["model"], state["mode"]) == ("fr3", "idle")
     assert state["world_from_base"][0] == 1.0
     until(lambda: f"the hand; {system.client.state}", lambda: system.client.state["gripper_width_m"] > 0.07)
@@ -163,27 +168,37 @@ def test_it_carries_out_a_pick_and_place_that_motion_plans(at_ready):
     reply, held = carried_out(at_ready)
     assert reply["outcome"] == "done", (reply, at_ready.robot.log())
     assert any(held), "the hand held the block on the way"
-    assert not at_ready.client.state["gripper_holding"] and at_ready.client.state["mode"] == "idle"
+    assert not until("it stands", lambda: at_ready.client.is_in("idle"))["gripper_holding"]
 
 
 def test_set_points_that_come_again_after_a_gap_go_on_from_where_the_robot_is(at_ready):
-    client, stops = at_ready.client, 0
-    # Sudden enough for the arm to be elsewhere, after a gap, than where the robot has gone on to.
-    for by_rad in (0.8, 0.0, 0.8, 0.0):
+    client, stops, to_go = at_ready.client, 0, [0.8, 0.0, 0.8, 0.0]
+    for _ in range(12):
+        if not to_go:
+            break
+        # Sudden enough for the arm to be elsewhere, after a gap, than where the robot has gone on to.
+        by_rad, longest_s = to_go[0], 0.0
         at_ready.go_to(turned(0.8 - by_rad))
         client.stream(turned(by_rad), 1.1)
-        until("it moves", lambda: client.fresh() and velocity(client.state) > 0.01)
+        until_it_sets_out(client, turned(0.8 - by_rad))
         for _ in range(6):
+            began = time.monotonic()
             at_ready.programs.send("driver", signal.SIGSTOP)
             time.sleep(0.012)
             at_ready.programs.send("driver", signal.SIGCONT)
+            longest_s = max(longest_s, time.monotonic() - began)
             time.sleep(0.12)
-        until(lambda: f"it stands; {client.state}", lambda: client.is_in("idle") or client.stopped_by())
-        if client.stopped_by():
-            stops += 1
+        ended = until(lambda: f"it stands; {client.state}", lambda: client.is_in("idle") or client.is_in("stopped"))
+        if ended["mode"] == "stopped":
             at_ready.reset()
+            # A machine that is busy made a gap longer than it was to be: what is lost in that is not judged.
+            if longest_s > 0.03:
+                continue
+            stops += 1
         else:
-            assert apart(client.state["q_rad"], turned(by_rad)) < 1e-6
+            assert apart(ended["q_rad"], turned(by_rad)) < 1e-6
+        to_go.pop(0)
+    assert not to_go, "too busy a machine for gaps as short as these"
     # What goes out in the very microseconds in which a cycle ends is late; the robot drops it, franka-sim takes back what it had extrapolated.
     assert stops <= 1, at_ready.robot.log()
 
@@ -210,13 +225,14 @@ def test_a_commander_that_falls_silent_stops_the_arm(at_ready):
 
 
 def test_an_emergency_stop_brings_the_arm_to_rest_until_it_is_reset(at_ready):
-    at_ready.client.stream(turned(0.8), 3.0)
+    # Far enough for the arm to be on its way still when a machine that is busy gets to the stop.
+    at_ready.client.stream(turned(1.6), 6.0)
     until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.3)
     at_ready.client.emergency_stop()
     at_rest_and_stays(at_ready, "estop")
-    assert at_ready.client.state["q_rad"][0] < 0.75, "it did not go on to the end"
+    assert at_ready.client.state["q_rad"][0] < 1.5, "it did not go on to the end"
     at_ready.reset()
-    at_ready.go_to(READY_RAD)
+    at_ready.go_to(READY_RAD, 6.0)
 
 
 def test_set_points_beyond_the_limits_do_not_reach_the_robot(at_ready):
@@ -234,7 +250,7 @@ def test_a_robot_that_goes_away_latches_and_is_found_again(at_ready):
     at_ready.robot.start()
     until(lambda: at_ready.programs.log("driver"), lambda: len(re.findall(r": connected\b", at_ready.programs.log("driver"))) >= 2)
     time.sleep(0.5)
-    assert at_ready.client.stopped_by() == "connection_lost", "coming back clears nothing"
+    assert at_ready.client.shown() == ("stopped", "connection_lost"), "coming back clears nothing"
     at_ready.reset()
     at_ready.go_to(turned(0.1))
 
@@ -246,7 +262,8 @@ def test_a_reflex_is_told_by_the_robots_name_and_acknowledged_by_a_reset(at_read
     at_ready.reset()
     # A driver that is held up for a fifth of a second misses far more set-points than the robot bears.
     at_ready.client.stream(turned(0.5), 6.0)
-    until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.05)
+    # Or has been held up already, by a machine that is busy.
+    until("it moves", lambda: at_ready.client.stopped_by() or (at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.05))
     at_ready.programs.send("driver", signal.SIGSTOP)
     time.sleep(0.2)
     at_ready.programs.send("driver", signal.SIGCONT)

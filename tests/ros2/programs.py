@@ -1,10 +1,12 @@
 """Processes of Repose beside a ROS 2 system: two routers, the services, the bridge."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
 import subprocess
+import time
 
 from system import DOMAIN, until
 
@@ -61,6 +63,23 @@ class Programs:
             process.wait()
             raise
 
+    def robot(self, action):
+        """`repose robot ACTION`, which has to come true: again where it is refused, for on a busy machine a state or a scene may come late."""
+        ends = time.monotonic() + 60
+        while True:
+            done = subprocess.run([REPOSE, "robot", action, "--connect", self.cell], capture_output=True, text=True, timeout=60)
+            if done.returncode == 0:
+                return
+            # What came of an action is printed, whatever it was; a refusal is not, and nothing has moved.
+            assert not done.stdout and time.monotonic() < ends, f"{action}: {done.stdout}{done.stderr}"
+            time.sleep(0.2)
+
+    def robot_state(self):
+        """The robot's state, if it shows one."""
+        command = [REPOSE, "--json", "robot", "state", "--connect", self.cell]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        return json.loads(done.stdout) if done.returncode == 0 else None
+
     def log_path(self, name):
         return os.path.join(self.folder, f"{name}.log")
 
@@ -80,11 +99,16 @@ mode = "client"
 # Geometry alone, so that the figures are those of the bridge and not of a network for masks on a shared machine.
 [perception.segmentation.learned]
 enabled = false
+# The tests end a way home midway, and may have to wait for a core before they get to it.
+[motion]
+recovery_scale = 0.1
 [ros2]
 domain = {domain}
 allow_execute = true
 [ros2.session]
 mode = "client"
+# As scripts/testing.sh has it for the cell's own: a bridge that waits some seconds for a core keeps its link.
+lease_ms = 10000
 connect = ["{ros}"]
 [[ros2.cameras]]
 name = "front"

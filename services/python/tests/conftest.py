@@ -123,8 +123,9 @@ class System:
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.log = Path(os.environ.get("REPOSE_TEST_LOG", os.devnull)).open("ab")  # noqa: SIM115
         command = [program, "up", "--listen", self.endpoint, *args]
-        # A motion process that waits half a second for a core is not lost; and a picture a second is enough.
-        environment = {**os.environ, "REPOSE_MOTION__COMMAND_TTL_MS": "2000", "REPOSE_SIMULATOR__FRAME_PERIOD_MS": "1000"}
+        # A motion process that waits half a second for a core is not lost, nor one that waits longer where the environment has it so;
+        # and a picture a second is enough.
+        environment = {"REPOSE_MOTION__COMMAND_TTL_MS": "2000", **os.environ, "REPOSE_SIMULATOR__FRAME_PERIOD_MS": "1000"}
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=self.log, env=environment)
 
     def __enter__(self) -> System:

@@ -25,8 +25,8 @@ export async function startSystem({ seed = 1, environment = {} } = {}) {
   const [router, page] = [await freePort(), await freePort()];
   const child = spawn(process.env.REPOSE, ["--json", "up", "--listen", `tcp/127.0.0.1:${router}`, "--seed", String(seed)], {
     // A browser that draws in software, on cores that others need too: a thinner cloud, seldom anew; and a motion process that waits half a second
-    // for a core is not lost.
-    env: { ...process.env, REPOSE_MOTION__COMMAND_TTL_MS: "2000", REPOSE_CONSOLE__LISTEN: `127.0.0.1:${page}`, REPOSE_CONSOLE__CLOUD_POINTS: "20000", REPOSE_CONSOLE__SCENE_PERIOD_MS: "1000", ...environment },
+    // for a core is not lost, nor one that waits longer where the environment has it so.
+    env: { REPOSE_MOTION__COMMAND_TTL_MS: "2000", ...process.env, REPOSE_CONSOLE__LISTEN: `127.0.0.1:${page}`, REPOSE_CONSOLE__CLOUD_POINTS: "20000", REPOSE_CONSOLE__SCENE_PERIOD_MS: "1000", ...environment },
     stdio: ["ignore", "pipe", "pipe"],
   });
   const said = [];

@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,8 +35,9 @@ class Cell:
     def __init__(self, program: str) -> None:
         self.program = program
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-        # A motion process that waits half a second for a core is not lost; a picture every half second is enough.
-        environment = {**os.environ, "REPOSE_MOTION__COMMAND_TTL_MS": "2000", "REPOSE_SIMULATOR__FRAME_PERIOD_MS": "500"}
+        # A motion process that waits half a second for a core is not lost, nor one that waits longer where the environment has it so;
+        # and two pictures a second are enough.
+        environment = {"REPOSE_MOTION__COMMAND_TTL_MS": "2000", **os.environ, "REPOSE_SIMULATOR__FRAME_PERIOD_MS": "500"}
         command = [program, "--json", "up", "--listen", self.endpoint, "--seed", "1"]
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, env=environment)
         assert self.process.stdout is not None
@@ -50,10 +52,17 @@ class Cell:
         return ["mcp", "--connect", self.endpoint, *more]
 
     def robot(self, *actions: str) -> None:
-        """What an operator does."""
+        """What an operator does, who asks again where nothing has moved: on a machine that is busy a state or a scene may come late."""
         for action in actions:
-            done = subprocess.run([self.program, "robot", action, "--connect", self.endpoint], capture_output=True, text=True, timeout=120, check=False)
-            assert done.returncode == 0 or action == "retreat", f"{action}: {done.stderr}"
+            command = [self.program, "robot", action, "--connect", self.endpoint]
+            ends = time.monotonic() + 60
+            while True:
+                done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+                if done.returncode == 0 or action == "retreat":
+                    break
+                # What came of an action is printed, whatever it was; a refusal is not.
+                assert not done.stdout and time.monotonic() < ends, f"{action}: {done.stdout}{done.stderr}"
+                time.sleep(0.2)
 
     def bring_back(self) -> None:
         self.robot("reset", "open", "retreat", "home")
