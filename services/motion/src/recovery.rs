@@ -110,17 +110,18 @@ const SHOWN_LINKS: usize = 3;
 /// arm has been, something seems to stand.
 pub fn shows_arm(scene: &ArmSurroundings, joints: &Joints, finger_opening_m: f64, settings: &RecoverySettings) -> bool {
     let spheres = spheres_in_base(&LinkFrames::at(joints), finger_opening_m);
-    // The foot stands on something, and the hand is among things.
-    let of_arm = |(_, link): &(&PlacedSphere, Link)| (Link::Link1..=Link::Link7).contains(link);
-    let spheres: Vec<(&PlacedSphere, Link)> = spheres.iter().zip(SPHERE_LINKS).filter(of_arm).collect();
     let mut points_in: BTreeMap<Link, usize> = BTreeMap::new();
     for p in &scene.points {
         let in_base = settings.world_from_base.inverse_transform_point(&p.cast());
-        let is_inside = |(s, _): &&(&PlacedSphere, Link)| (s.center - in_base).norm_squared() < s.radius_m * s.radius_m;
-        if let Some((_, link)) = spheres.iter().find(is_inside) {
-            *points_in.entry(*link).or_default() += 1;
+        let depth = |s: &PlacedSphere| (s.center - in_base).norm_squared() / (s.radius_m * s.radius_m);
+        // Those of neighbouring links overlap.
+        let deepest = spheres.iter().map(depth).zip(SPHERE_LINKS).min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, link)) = deepest.filter(|(depth, _)| *depth < 1.0) {
+            *points_in.entry(link).or_default() += 1;
         }
     }
+    // The foot stands on something, and the hand is among things.
+    points_in.retain(|link, _| (Link::Link1..=Link::Link7).contains(link));
     points_in.values().filter(|points| **points >= SHOWN_POINTS).count() >= SHOWN_LINKS
 }
 

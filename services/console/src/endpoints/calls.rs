@@ -91,7 +91,8 @@ pub async fn recover(
         RecoveryMove::Open => None,
         RecoveryMove::Retreat | RecoveryMove::Home if unchecked => None,
         RecoveryMove::Retreat | RecoveryMove::Home => {
-            let now_ns = robot_state(cell.session(), robot, SHOWS_WITHIN).await?.stamp_ns;
+            // Of a robot that tells nothing motion says so.
+            let now_ns = robot_state(cell.session(), robot, SHOWS_WITHIN).await.map_or(0, |state| state.stamp_ns);
             Some(surroundings(cell, camera, now_ns).await.map_err(|why| unseen(camera, &why))?)
         }
     };
