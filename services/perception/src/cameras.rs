@@ -185,20 +185,14 @@ impl CameraFollower {
         self.session.subscribe_queue(&self.session.cell().robot_states(), ROBOT_STATES_WAITING).await
     }
 
-    /// Listens to the robots while their states are needed: a hundred a second and more cost an idle cell half of what it costs. Where none is heard, it is
-    /// subscribed anew from time to time: a robot that is there tells its state many times a second, and a network that has just come up, or come back, has
-    /// lost subscriptions.
+    /// Listens to the robots while their states are needed: a hundred a second and more cost an idle cell half of what it costs.
     async fn hear_robots(self: Arc<Self>) {
         const AGAIN: Duration = Duration::from_secs(1);
-        const UNHEARD: Duration = Duration::from_secs(2);
         loop {
             let (unheard, mut paced) = (self.unheard.notified(), std::pin::pin!(self.worker.paced()));
             paced.as_mut().enable();
             let (wants, mut next) = self.worker.pace().wants_robots(Instant::now());
-            let unheard_since = self.worker.robots_unheard_since();
-            if wants && unheard_since.is_none_or(|since| since.elapsed() >= UNHEARD) {
-                // The network is told of a second subscription to the same states only once the first is gone.
-                self.worker.end_robot_states();
+            if wants && !self.worker.follows_robots() {
                 match self.robot_states().await {
                     Ok(states) => self.worker.follow_robots(states),
                     Err(error) => {
@@ -209,9 +203,6 @@ impl CameraFollower {
             } else if !wants {
                 self.worker.leave_robots();
             }
-            // While they are listened to it is looked at again at least that often.
-            let look = self.worker.robots_unheard_since().map(|_| Instant::now() + UNHEARD);
-            next = next.into_iter().chain(look).min();
             tokio::select! {
                 () = unheard => {}
                 () = paced => {}

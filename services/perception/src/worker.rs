@@ -47,9 +47,8 @@ pub enum FrameOrigin {
 struct CellRobots {
     states: RobotStates,
     waiting: Option<Subscription>,
-    /// Since when they are listened to, when they were subscribed to last, and when one was read last.
+    /// Since when they are listened to, and when one was read last.
     since: Option<Instant>,
-    subscribed: Option<Instant>,
     heard: Option<Instant>,
 }
 
@@ -110,7 +109,6 @@ impl Worker {
                 states: RobotStates::new(config.frame_may_wait()),
                 waiting: None,
                 since: None,
-                subscribed: None,
                 heard: None,
             })),
             first_frame: OnceLock::new(),
@@ -137,16 +135,7 @@ impl Worker {
     /// Frames that say nothing of robots are taken to show those of the cell where these states say that they are.
     pub fn follow_robots(&self, states: Subscription) {
         let mut robots = self.robots();
-        let now = Instant::now();
-        (robots.waiting, robots.subscribed) = (Some(states), Some(now));
-        robots.since.get_or_insert(now);
-    }
-
-    /// Their subscription ends, and another follows: they are still listened to.
-    pub fn end_robot_states(&self) {
-        let mut robots = self.robots();
-        robots.read();
-        robots.waiting = None;
+        (robots.waiting, robots.since) = (Some(states), Some(Instant::now()));
     }
 
     /// States are not listened to any more; those that came stay known.
@@ -159,13 +148,6 @@ impl Worker {
     /// Whether the robots' states are listened to.
     pub fn follows_robots(&self) -> bool {
         self.robots().waiting.is_some()
-    }
-
-    /// Since when no robot was heard, though their states are listened to; none while they are not.
-    pub fn robots_unheard_since(&self) -> Option<Instant> {
-        let mut robots = self.robots();
-        robots.read();
-        robots.since.and(robots.subscribed.max(robots.heard))
     }
 
     /// Waits for a word of a robot since its states are listened to, `[perception] robots_wait_ms` at most: frames and states come on ways of their own, and
