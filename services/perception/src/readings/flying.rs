@@ -50,18 +50,23 @@ pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings
     if width < 3 || height < 3 {
         return Flying::default();
     }
-    // Judged on the readings as they came: a pixel taken out must not make its neighbour flying.
-    let before = depth_m.pixels().to_vec();
-    let row = |v: usize| &before[v * width..(v + 1) * width];
+    // Judged on the readings as they came: a pixel taken out must not make its neighbour flying. Around the picture nothing was read: its outermost
+    // pixels are judged by the neighbours that they have.
+    let stride = width + 2;
+    let mut before = vec![f32::NAN; stride * (height + 2)];
+    for (v, pixels) in depth_m.pixels().chunks_exact(width).enumerate() {
+        before[(v + 1) * stride + 1..][..width].copy_from_slice(pixels);
+    }
+    let row = |v: usize| &before[v * stride..(v + 1) * stride];
     let step = StepLimit::new(settings, focal_px);
     let mut removed = 0;
     let mut alone = Vec::new();
-    let mut flying = vec![false; width - 2];
-    for v in 1..height - 1 {
-        let (above, here, below) = (row(v - 1), row(v), row(v + 1));
+    let mut flying = vec![false; width];
+    for v in 0..height {
+        let (above, here, below) = (row(v), row(v + 1), row(v + 2));
         // Slices of one length, so that the loop runs over many pixels at once.
-        let sides = here[..width - 2].iter().zip(&here[2..]).zip(&above[1..width - 1]).zip(&below[1..width - 1]);
-        for ((flying, z), (((left, right), above), below)) in flying.iter_mut().zip(&here[1..width - 1]).zip(sides) {
+        let sides = here[..width].iter().zip(&here[2..]).zip(&above[1..=width]).zip(&below[1..=width]);
+        for ((flying, z), (((left, right), above), below)) in flying.iter_mut().zip(&here[1..=width]).zip(sides) {
             let limit = step.at_m(*z);
             // Comparisons with a missing neighbour are false: it is no step to either side, and near nobody.
             let between = |a: f32, b: f32| ((z - a > limit) & (b - z > limit)) | ((a - z > limit) & (z - b > limit));
@@ -70,8 +75,8 @@ pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings
             *flying = (between(*left, *right) | between(*above, *below) | speckle) & !z.is_nan();
         }
         // Few are left to be looked at one by one.
-        for u in flying.iter().enumerate().filter(|(_, flying)| **flying).map(|(i, _)| i + 1) {
-            if [here[u - 1], here[u + 1], above[u], below[u]].iter().all(|z| z.is_nan()) {
+        for u in flying.iter().enumerate().filter(|(_, flying)| **flying).map(|(u, _)| u) {
+            if [here[u], here[u + 2], above[u + 1], below[u + 1]].iter().all(|z| z.is_nan()) {
                 alone.push(v * width + u);
             } else {
                 depth_m.pixels_mut()[v * width + u] = f32::NAN;
@@ -148,6 +153,25 @@ mod tests {
         depth_m[(7, 4)] = f32::NAN;
         assert_eq!(remove(&mut depth_m, 500.0, &settings()), Flying { removed: 1, is_sparse: false });
         assert!(depth_m[(4, 4)].is_nan() && depth_m[(6, 4)] == 1.0 && depth_m[(7, 4)].is_nan());
+    }
+
+    #[test]
+    fn the_outermost_pixels_of_a_picture_are_judged_too() {
+        // Near on one side and far on the other, in all rows and then in all columns, and what the outline mixes between them.
+        let side_m = |at: usize| match at {
+            0..10 => 1.0,
+            10 => 1.3,
+            _ => 2.0,
+        };
+        let in_rows = Image::from_pixels(20, 3, (0..60).map(|i| side_m(i % 20)).collect()).unwrap();
+        let in_columns = Image::from_pixels(3, 20, (0..60).map(|i| side_m(i / 3)).collect()).unwrap();
+        for (mut depth_m, mixed) in [(in_rows, [(10, 0), (10, 1), (10, 2)]), (in_columns, [(0, 10), (1, 10), (2, 10)])] {
+            assert_eq!(remove(&mut depth_m, 500.0, &settings()), Flying { removed: 3, is_sparse: false });
+            assert!(mixed.iter().all(|at| depth_m[*at].is_nan()), "{depth_m:?}");
+        }
+        let mut corner = Image::filled(9, 9, 1.0f32);
+        corner[(0, 0)] = 0.8;
+        assert_eq!(remove(&mut corner, 500.0, &settings()).removed, 1);
     }
 
     #[test]
