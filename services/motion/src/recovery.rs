@@ -4,14 +4,12 @@
 //! The arm may stand in contact: its fingers around what they have let go of, a link against something. So what touches at the start may go on
 //! touching until it is free, and nothing else may begin to. Where no scene is known only the arm itself and the keep-out zones are in the way.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::{
     InverseSettings, JOINT_COUNT, Joints, Link, LinkFrame, LinkFrames, PlacedSphere, READY, SPHERE_COUNT, SPHERE_LINKS, base_from_tcp,
-    inverse_near, self_collides, spheres_in_base,
+    inverse_near, self_collides, shoulder_in_base, spheres_in_base,
 };
 
 use crate::collision::{ArmCollisionSettings, CollisionChecker, Contact};
@@ -101,30 +99,6 @@ pub enum Stuck {
     Contact(Contact),
 }
 
-/// So many points of a scene inside of one link of an arm that stands there show the link: what an arm leans against is cut by one or two links, …
-const SHOWN_POINTS: usize = 30;
-/// … and a picture that an arm was not taken out of shows more links of it than that.
-const SHOWN_LINKS: usize = 3;
-
-/// Whether a scene shows an arm where it stands, its fingers so far apart: then perception did not know of it when the picture was taken, and where the
-/// arm has been, something seems to stand.
-pub fn shows_arm(scene: &ArmSurroundings, joints: &Joints, finger_opening_m: f64, settings: &RecoverySettings) -> bool {
-    let spheres = spheres_in_base(&LinkFrames::at(joints), finger_opening_m);
-    let mut points_in: BTreeMap<Link, usize> = BTreeMap::new();
-    for p in &scene.points {
-        let in_base = settings.world_from_base.inverse_transform_point(&p.cast());
-        let depth = |s: &PlacedSphere| (s.center - in_base).norm_squared() / (s.radius_m * s.radius_m);
-        // Those of neighbouring links overlap.
-        let deepest = spheres.iter().map(depth).zip(SPHERE_LINKS).min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, link)) = deepest.filter(|(depth, _)| *depth < 1.0) {
-            *points_in.entry(link).or_default() += 1;
-        }
-    }
-    // The foot stands on something, and the hand is among things.
-    points_in.retain(|link, _| (Link::Link1..=Link::Link7).contains(link));
-    points_in.values().filter(|points| **points >= SHOWN_POINTS).count() >= SHOWN_LINKS
-}
-
 /// Step of the hand, metres: a fraction of the smallest sphere.
 const STEP_M: f64 = 0.005;
 /// Largest change of a joint over one step, radians; more is a jump to another branch.
@@ -144,7 +118,10 @@ impl<'a> Recovery<'a> {
     pub fn new(start: &Joints, finger_opening_m: f64, scene: Option<&ArmSurroundings>, settings: &'a RecoverySettings) -> Self {
         let mut recovery = Self { settings, start: *start, finger_opening_m, obstacles: Obstacles::solids(Vec::new()) };
         if let Some(scene) = scene {
-            let arm = recovery.spheres(start);
+            // As perception knows it, with what the spheres of the shoulder leave out.
+            let shoulder = shoulder_in_base(&LinkFrames::at(start));
+            let shoulder = shoulder.map(|s| PlacedSphere { center: settings.world_from_base * s.center, ..s });
+            let arm: Vec<PlacedSphere> = recovery.spheres(start).into_iter().chain(shoulder).collect();
             let is_arm = |p: &Point3<f32>| arm.iter().any(|s| (s.center - p.cast::<f64>()).norm() < s.radius_m + settings.self_m);
             let points: Vec<Point3<f32>> = scene.points.iter().filter(|p| !is_arm(p)).copied().collect();
             recovery.obstacles = Obstacles::new(&points, &scene.surfaces, &settings.obstacles);
@@ -264,8 +241,7 @@ mod tests {
     use crate::pick_place::plan::Phase;
     use crate::pick_place::{PickPlaceRequest, pick_place};
     use crate::synthetic;
-    use nalgebra::Vector3;
-    use repose_panda::{FINGER_OPENING_MAX_M, FR3_LIMITS, LIMITS, LINKS};
+    use repose_panda::{FINGER_OPENING_MAX_M, FR3_LIMITS, LIMITS};
 
     fn settings() -> RecoverySettings {
         RecoverySettings::of(&PickPlaceSettings::default(), 0.2)
@@ -340,24 +316,6 @@ mod tests {
         let settings = settings();
         let error = Recovery::new(&start, opening_m, Some(&scene), &settings).retreat().map(|(_, m)| m).unwrap_err();
         assert!(matches!(error, RecoveryError::NoRetreat(_, Stuck::Contact(_))), "{error}");
-    }
-
-    #[test]
-    fn a_scene_that_an_arm_was_not_taken_out_of_is_told_from_one_in_which_it_touches_something() {
-        let settings = settings();
-        let spheres = spheres_in_base(&LinkFrames::at(&READY), FINGER_OPENING_MAX_M);
-        let with_points_of = |links: &[Link]| {
-            let mut scene = around();
-            let of_links = spheres.iter().zip(SPHERE_LINKS).filter(|(_, link)| links.contains(link));
-            scene.points.extend(of_links.flat_map(|(s, _)| (0..40).map(|k| s.center.cast() + Vector3::x() * 0.0002 * k as f32)));
-            scene
-        };
-        let shows = |links: &[Link]| shows_arm(&with_points_of(links), &READY, FINGER_OPENING_MAX_M, &settings);
-        assert!(shows(&LINKS) && shows(&[Link::Link3, Link::Link4, Link::Link5]));
-        assert!(!shows(&[]) && !shows(&[Link::Link4, Link::Link5]), "it leans against something");
-        assert!(!shows(&[Link::Link0, Link::Hand, Link::LeftFinger, Link::RightFinger]), "its hand is among things");
-        let elsewhere = RecoverySettings { world_from_base: Isometry3::translation(0.0, 3.0, 0.0), ..settings.clone() };
-        assert!(!shows_arm(&with_points_of(&LINKS), &READY, FINGER_OPENING_MAX_M, &elsewhere), "another robot's place");
     }
 
     #[test]

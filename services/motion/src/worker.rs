@@ -15,7 +15,7 @@ use crate::motion_scene::MotionScene;
 use crate::obstacles::ObstacleShape;
 use crate::path::timing::Trajectory;
 use crate::pick_place::PickPlaceSettings;
-use crate::recovery::{Recovery, RecoveryError, RecoverySettings, shows_arm};
+use crate::recovery::{Recovery, RecoveryError, RecoverySettings};
 use crate::request;
 use crate::wire::{self, PlanTerms};
 
@@ -141,11 +141,6 @@ impl Worker {
                 (Some(held), None) => (Some(wire::surroundings(held.scene())?), named),
                 (None, None) => (None, None),
             };
-            if scene.as_ref().is_some_and(|scene| shows_arm(scene, &q_rad, opening_m, &settings)) {
-                let message = "the scene shows the arm itself, as if it stood in its own way: perception did not know where it was. Look again, or \
-                               recover without a scene";
-                return Err(CallError::precondition(message).at("scene"));
-            }
             let recovery = Recovery::new(&q_rad, opening_m, scene.as_ref(), &settings);
             let stuck = |error: RecoveryError| CallError::precondition(error.to_string()).at("robot");
             let phase =

@@ -7,7 +7,7 @@ use repose_executive::{AskedRecovery, IdentifiedScene, SHOWS_WITHIN, newest_afte
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, Payload, Service, keys};
-use repose_runtime::{CallOptions, SCENE_WITHIN, Session, emergency_stop_within};
+use repose_runtime::{CallOptions, SCENE_WITHIN, Session, emergency_stop_within, fetch_newest};
 use repose_sentences::robot::describe;
 
 use crate::client::{self, SystemArgs};
@@ -133,8 +133,10 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
 async fn newest_scene(args: &RobotArgs, session: &Session) -> Result<IdentifiedScene, Failure> {
     let now_ns = client::robot_state(session, &args.robot, Duration::from_millis(args.deadline_ms)).await?.stamp_ns;
     let newest = async {
-        let newest = async || client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await.map_err(Failure::into_error);
-        let summary = newest_after(newest, now_ns, SHOWS_WITHIN).await?;
+        client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await?;
+        let perception = session.caller(Service::Perception).await?;
+        let options = CallOptions::within(SCENE);
+        let summary = newest_after(|| fetch_newest(&perception, &args.camera, &options), now_ns, SHOWS_WITHIN).await?;
         let scene = client::whole_scene(session, &summary.scene_id, SCENE_WITHIN).await?;
         Ok::<_, Failure>((summary.scene_id, scene))
     };
