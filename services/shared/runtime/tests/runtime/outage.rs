@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::common::{Oddities, SERVICE, read, soonest, word};
+use crate::common::{Oddities, SERVICE, read, within, word};
 use repose_proto::ErrorCode;
 use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
 
@@ -91,13 +91,13 @@ async fn a_call_whose_deadline_lies_within_the_outage_ends_by_it_and_says_that_t
     let caller = asking.caller(SERVICE).await.unwrap();
     caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
     router.close().await.unwrap();
-    let took = soonest(Duration::from_secs(3), async || {
+    let took = within(Duration::from_secs(3), async || {
         let ended = caller.call("echo", word(""), CallOptions::within(Duration::from_secs(2))).await.unwrap_err();
         assert_eq!(ended.code, ErrorCode::Unavailable, "{ended}");
         assert!(ended.message.contains("the router was away"), "{ended}");
     })
     .await;
-    assert!((1.9..3.0).contains(&took.as_secs_f64()), "{took:?}");
+    assert!(took.as_secs_f64() >= 1.9, "{took:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -106,13 +106,11 @@ async fn where_the_router_is_there_a_missing_service_is_said_within_a_second_or_
     let _router = router(&endpoint).await;
     let asking = client(std::slice::from_ref(&endpoint)).await;
     let caller = asking.caller(SERVICE).await.unwrap();
-    let bound = Duration::from_secs(2);
-    let took = soonest(bound, async || {
+    within(Duration::from_secs(2), async || {
         let ended = caller.call("echo", word(""), CallOptions::within(Duration::from_secs(10))).await.unwrap_err();
         assert_eq!(ended.code, ErrorCode::Unavailable);
     })
     .await;
-    assert!(took < bound, "{took:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
