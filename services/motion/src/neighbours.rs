@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 use repose_geometry::transform::from_row_major;
-use repose_panda::{JOINT_COUNT, Joints, LinkFrames, base_from_tcp, shoulder_in_base, spheres_in_base};
+use repose_panda::{JOINT_COUNT, Joints, LinkFrames, base_from_tcp, visible_spheres_in_base};
 use repose_proto::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 use repose_proto::motion::MotionPlan;
 use repose_proto::robot::{RobotMode, RobotState};
@@ -214,9 +214,8 @@ impl Neighbour {
 
     /// The arm, its hand and what it holds, as far as another can come to them, each larger by as much.
     fn solids(&self, other_base: &Isometry3<f64>, room_m: f64) -> Vec<ObstacleShape> {
-        let frames = LinkFrames::at(&self.state.q_rad);
-        let spheres = spheres_in_base(&frames, self.state.gripper_width_m).into_iter().chain(shoulder_in_base(&frames));
-        let balls = spheres.map(|sphere| (self.world_from_base * sphere.center, sphere.radius_m));
+        let spheres = visible_spheres_in_base(&LinkFrames::at(&self.state.q_rad), self.state.gripper_width_m);
+        let balls = spheres.iter().map(|sphere| (self.world_from_base * sphere.center, sphere.radius_m));
         let met = balls.filter(|(center, radius_m)| (center.coords - other_base.translation.vector).norm() < BEYOND_M + radius_m);
         let arm = met.map(|(center, radius_m)| ObstacleShape::ball(center, radius_m + room_m));
         let held = self.state.held.as_ref().map(|held| {

@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_panda::{
     InverseSettings, JOINT_COUNT, Joints, Link, LinkFrame, LinkFrames, PlacedSphere, READY, SPHERE_COUNT, SPHERE_LINKS, base_from_tcp,
-    inverse_near, self_collides, shoulder_in_base, spheres_in_base,
+    inverse_near, self_collides, spheres_in_base, visible_spheres_in_base,
 };
 
 use crate::collision::{ArmCollisionSettings, CollisionChecker, Contact};
@@ -118,10 +118,9 @@ impl<'a> Recovery<'a> {
     pub fn new(start: &Joints, finger_opening_m: f64, scene: Option<&ArmSurroundings>, settings: &'a RecoverySettings) -> Self {
         let mut recovery = Self { settings, start: *start, finger_opening_m, obstacles: Obstacles::solids(Vec::new()) };
         if let Some(scene) = scene {
-            // As perception knows it, with what the spheres of the shoulder leave out.
-            let shoulder = shoulder_in_base(&LinkFrames::at(start));
-            let shoulder = shoulder.map(|s| PlacedSphere { center: settings.world_from_base * s.center, ..s });
-            let arm: Vec<PlacedSphere> = recovery.spheres(start).into_iter().chain(shoulder).collect();
+            // As perception knows it.
+            let arm = visible_spheres_in_base(&LinkFrames::at(start), finger_opening_m);
+            let arm = arm.map(|s| PlacedSphere { center: settings.world_from_base * s.center, ..s });
             let is_arm = |p: &Point3<f32>| arm.iter().any(|s| (s.center - p.cast::<f64>()).norm() < s.radius_m + settings.self_m);
             let points: Vec<Point3<f32>> = scene.points.iter().filter(|p| !is_arm(p)).copied().collect();
             recovery.obstacles = Obstacles::new(&points, &scene.surfaces, &settings.obstacles);

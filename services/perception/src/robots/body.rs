@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3};
 use repose_geometry::transform::from_row_major;
 use repose_panda::kinematics::LinkFrames;
-use repose_panda::{base_from_hand, hand_from_tcp, shoulder_in_base, spheres_in_base};
+use repose_panda::{base_from_hand, hand_from_tcp, visible_spheres_in_base};
 use repose_proto::RobotInView;
 use repose_proto::robot::PANDA_LIKE;
 
@@ -54,10 +54,9 @@ impl RobotBody {
         }
         let world_from_base = from_row_major(&robot.world_from_base.0).map_err(|e| NoBody::Pose(e.to_string()))?;
         let camera_from_base = camera_from_world * world_from_base;
-        let frames = LinkFrames::at(&robot.joints_rad);
-        let (spheres, shoulder) = (spheres_in_base(&frames, robot.gripper_width_m), shoulder_in_base(&frames));
+        let spheres = visible_spheres_in_base(&LinkFrames::at(&robot.joints_rad), robot.gripper_width_m);
         let ball = |center: &Point3<f64>, radius_m: f64| Ball { center: (camera_from_base * center).cast(), radius_m: radius_m as f32 };
-        let balls = spheres.iter().chain(&shoulder).map(|s| ball(&s.center, s.radius_m));
+        let balls = spheres.iter().map(|s| ball(&s.center, s.radius_m));
         let foot = PANDA_FOOT.iter().map(|[x, y, z, radius_m]| ball(&Point3::new(*x, *y, *z), *radius_m));
         Ok(Self {
             balls: balls.chain(foot).collect(),

@@ -39,8 +39,8 @@ pub use limits::{ApproachLimits, FINGER_OPENING_MAX_M, FR3_LIMITS, JointLimits, 
 pub use model::Model;
 pub use self_collision::{SELF_COLLISION_PAIRS, self_collides};
 pub use spheres::{
-    GRIPPER_SPHERES, LINKS, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, shoulder_in_base, shoulder_in_link,
-    spheres_in_base, spheres_in_link,
+    GRIPPER_SPHERES, LINKS, Link, PlacedSphere, SPHERE_COUNT, SPHERE_LINKS, gripper_spheres, spheres_in_base, spheres_in_link,
+    visible_spheres_in_base, visible_spheres_in_link,
 };
 pub use stop::{MotionState, Stop, StopSettings};
 

@@ -157,11 +157,15 @@ impl Link {
 }
 
 /// The spheres of one link, in its own frame.
+///
+/// For planning: what shows of a link is [`visible_spheres_in_link`].
 pub fn spheres_in_link(link: Link) -> impl Iterator<Item = PlacedSphere> {
     BY_LINK[link as usize].iter().map(|row| placed_row(&LinkFrame::BASE, row))
 }
 
 /// All spheres where the links are, in the base frame; the fingers `finger_opening_m` apart.
+///
+/// For planning: what shows of the robot is [`visible_spheres_in_base`].
 pub fn spheres_in_base(frames: &LinkFrames, finger_opening_m: f64) -> [PlacedSphere; SPHERE_COUNT] {
     let mut placed = [PlacedSphere { center: Point3::origin(), radius_m: 0.0 }; SPHERE_COUNT];
     place(&mut placed, Link::Link0, &LinkFrame::BASE);
@@ -172,14 +176,23 @@ pub fn spheres_in_base(frames: &LinkFrames, finger_opening_m: f64) -> [PlacedSph
     placed
 }
 
-/// Balls that cover, with a link's [spheres](spheres_in_link), what shows of the shoulder; in the link's frame.
-pub fn shoulder_in_link(link: Link) -> impl Iterator<Item = PlacedSphere> {
-    SHOULDER.iter().filter(move |(of, _)| *of == link).map(|(_, row)| placed_row(&LinkFrame::BASE, row))
+/// The spheres that cover what shows of one link, in its own frame: its [spheres](spheres_in_link), then what those of the shoulder leave out.
+///
+/// For drawing the robot.
+pub fn visible_spheres_in_link(link: Link) -> impl Iterator<Item = PlacedSphere> {
+    let shoulder = SHOULDER.iter().filter(move |(of, _)| *of == link).map(|(_, row)| placed_row(&LinkFrame::BASE, row));
+    spheres_in_link(link).chain(shoulder)
 }
 
-/// Balls that cover, with the [spheres](spheres_in_base), what shows of the shoulder; in the base frame.
-pub fn shoulder_in_base(frames: &LinkFrames) -> [PlacedSphere; SHOULDER.len()] {
-    SHOULDER.map(|(link, row)| placed_row(&frames.links[link as usize - 1], &row))
+/// The spheres that cover what shows of the robot, in the base frame, the fingers `finger_opening_m` apart: its [spheres](spheres_in_base), then
+/// what those of the shoulder leave out.
+///
+/// For telling the robot from the rest of a picture, and for others that keep clear of it.
+pub fn visible_spheres_in_base(frames: &LinkFrames, finger_opening_m: f64) -> [PlacedSphere; SPHERE_COUNT + SHOULDER.len()] {
+    let mut placed = [PlacedSphere { center: Point3::origin(), radius_m: 0.0 }; SPHERE_COUNT + SHOULDER.len()];
+    placed[..SPHERE_COUNT].copy_from_slice(&spheres_in_base(frames, finger_opening_m));
+    placed[SPHERE_COUNT..].copy_from_slice(&SHOULDER.map(|(link, row)| placed_row(&frames.links[link as usize - 1], &row)));
+    placed
 }
 
 /// The spheres of the hand and the fingers only, in the frame that `hand` is given in; the fingers `finger_opening_m` apart.
@@ -236,7 +249,7 @@ mod tests {
             let outside_m = |s: &PlacedSphere| (s.center - place).norm() - s.radius_m;
             let nearest_m = |spheres: &[PlacedSphere]| spheres.iter().map(outside_m).fold(f64::INFINITY, f64::min);
             assert!(nearest_m(&spheres_in_base(&frames, 0.04)) > 0.025);
-            assert!(nearest_m(&shoulder_in_base(&frames)) < 0.0);
+            assert!(nearest_m(&visible_spheres_in_base(&frames, 0.04)) < 0.0);
         }
     }
 

@@ -12,7 +12,7 @@ use rapier3d::math::Vector;
 use repose_geometry::TriMesh;
 use repose_geometry::sampling::directions;
 use repose_panda::spheres::FINGER_M;
-use repose_panda::{Joints, LINKS, Link, LinkFrames, PlacedSphere, shoulder_in_link, spheres_in_link};
+use repose_panda::{Joints, LINKS, Link, LinkFrames, PlacedSphere, visible_spheres_in_link};
 
 use super::hand::FINGER_HALF_M;
 use crate::objects::body::cuboid_mesh;
@@ -51,7 +51,7 @@ pub fn drawables(joints: &Joints, fingers_m: [f32; 2]) -> Vec<Drawable<'static>>
 
 /// The pieces of a link.
 fn link_mesh(link: Link) -> TriMesh {
-    let spheres: Vec<PlacedSphere> = spheres_in_link(link).chain(shoulder_in_link(link)).collect();
+    let spheres: Vec<PlacedSphere> = visible_spheres_in_link(link).collect();
     let mut mesh = TriMesh::default();
     for (i, a) in spheres.iter().enumerate() {
         let is_piece = |b: &PlacedSphere| (a.center - b.center).norm() <= ONE_PIECE_RADII * a.radius_m.min(b.radius_m);
@@ -85,13 +85,12 @@ fn hull(points: &[Vector]) -> TriMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use repose_panda::{READY, shoulder_in_base, spheres_in_base};
+    use repose_panda::{READY, visible_spheres_in_base};
 
     #[test]
     fn every_sphere_shows_and_the_surface_stands_out_of_none_further_than_the_real_arms() {
         let opening_m = 0.06;
-        let frames = LinkFrames::at(&READY);
-        let spheres: Vec<PlacedSphere> = spheres_in_base(&frames, opening_m).into_iter().chain(shoulder_in_base(&frames)).collect();
+        let spheres = visible_spheres_in_base(&LinkFrames::at(&READY), opening_m);
         let drawn = drawables(&READY, [0.03, 0.03]);
         assert_eq!(drawn.len(), LINKS.len());
         // Hulls stand out where they span, between their corners.
