@@ -4,10 +4,10 @@ mod common;
 
 use std::net::TcpListener;
 use std::path::Path;
-use std::process::{Output, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use common::{PATIENCE, Process, newest_scene, repose};
+use common::{PATIENCE, Process, Refusal, assert_refused_within, newest_scene, repose, run};
 use repose_proto::place::{Budget, Variant};
 use repose_proto::{ErrorCode, GoalTerm, PlaceRequest, Relation, SceneSummary, Service};
 use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
@@ -15,8 +15,6 @@ use serde_json::{Value, json};
 
 /// What it may take to say that a pool is not there: a second, and the start of the program on a busy machine.
 const SAID_WITHIN: Duration = Duration::from_secs(4);
-/// How often it may be tried: a machine that stands still for a second is slow once, and a program that is slow always.
-const TRIES: usize = 5;
 
 /// Waits until `up` says that it is.
 fn is_up(said: &Path) -> Value {
@@ -57,18 +55,11 @@ async fn placed(session: &Session) -> (SceneSummary, String) {
     (scene, answer.worker)
 }
 
-fn run(endpoint: &str, arguments: &[&str]) -> (Output, Value, Duration) {
-    let begin = Instant::now();
-    let output = repose().arg("--json").args(arguments).args(["--connect", endpoint]).output().expect("the program runs");
-    let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
-    (output, document, begin.elapsed())
-}
-
 /// Looks until what is printed is as it should be.
-fn seen(endpoint: &str, arguments: &[&str], is_right: impl Fn(&Value) -> bool) {
+async fn seen(endpoint: &str, arguments: &[&str], is_right: impl Fn(&Value) -> bool) {
     let give_up = Instant::now() + PATIENCE;
     loop {
-        let (_, document, _) = run(endpoint, arguments);
+        let (_, document, _) = run(endpoint, arguments).await;
         if is_right(&document) {
             return;
         }
@@ -103,20 +94,15 @@ async fn two_simulated_cells_share_one_pool_and_each_is_answered_for_its_own_sce
     let rack = json!({"cell": "rack", "cameras": [], "robots": [], "workers": {"inference": 1, "planner": 1}});
     // Who waits for a core is not heard while it is listened, and is heard the next time.
     let all = json!({"cells": [cell("cell-1"), cell("cell-2"), rack]});
-    seen(&endpoint, &["cells"], |named| *named == all);
+    seen(&endpoint, &["cells"], |named| *named == all).await;
     seen(&endpoint, &["status", "--cell", "cell-2", "--pool", "rack"], |status| {
         let wrong = status["wrong"].as_array().expect("sentences");
         !wrong.iter().any(|sentence| sentence.as_str().is_some_and(|s| s.starts_with("no ")))
-    });
+    })
+    .await;
 
-    for tries in 1.. {
-        let (output, document, took) = run(&endpoint, &["place", "--cell", "cell-1", "--pool", "rakc", "--move", "1", "--goal", "near:2"]);
-        assert_eq!((output.status.code(), &document["error"]["field"]), (Some(1), &json!("pool")), "{document}");
-        if took < SAID_WITHIN && document["error"]["message"].as_str().is_some_and(|message| message.contains("rack")) {
-            break;
-        }
-        assert!(tries < TRIES, "{took:?}: {document}");
-    }
+    let place = ["place", "--cell", "cell-1", "--pool", "rakc", "--move", "1", "--goal", "near:2"];
+    assert_refused_within(SAID_WITHIN, &endpoint, &place, &Refusal { code: 1, field: "pool", there: "rack" }).await;
 
     // Killed before it can tell anybody: what it started ends all the same.
     first.close().await.expect("it closes");

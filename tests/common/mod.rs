@@ -4,15 +4,18 @@
 pub mod link;
 
 use std::net::TcpListener;
-use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use repose_proto::perception::LatestRequest;
 use repose_proto::{Message, Payload, Scene, SceneSummary, Service};
 use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode, fetch_scene};
+use serde_json::Value;
 
 /// How long anything here may take before the test gives up.
 pub const PATIENCE: Duration = Duration::from_secs(120);
+/// How often the program may be run until it is fast: a machine that stands still for a second is slow once, and a program that is slow always.
+const TRIES: usize = 5;
 
 /// Who waits long for a core on a busy machine is not lost, nor is its link: …
 const PATIENT: [(&str, &str); 3] =
@@ -26,6 +29,41 @@ pub fn repose() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_repose"));
     command.stdin(Stdio::null());
     command
+}
+
+/// Runs the program on a running system: its output, what it has printed as JSON (null where that is none), and how long it took.
+pub async fn run(endpoint: &str, arguments: &[&str]) -> (Output, Value, Duration) {
+    let mut command = repose();
+    command.arg("--json").args(arguments).args(["--connect", endpoint]);
+    let begin = Instant::now();
+    let output = tokio::task::spawn_blocking(move || command.output()).await.expect("no panic").expect("the program runs");
+    let took = begin.elapsed();
+    let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output, document, took)
+}
+
+/// How the program refuses a name that is not there.
+pub struct Refusal<'a> {
+    /// Its exit code.
+    pub code: i32,
+    /// The field at fault.
+    pub field: &'a str,
+    /// What is there instead, which its message names.
+    pub there: &'a str,
+}
+
+/// Asserts that the program refuses, and that it takes less than a bound to say what is there instead, one of [`TRIES`] times at least.
+pub async fn assert_refused_within(bound: Duration, endpoint: &str, arguments: &[&str], refusal: &Refusal<'_>) {
+    for tries in 1.. {
+        let (output, document, took) = run(endpoint, arguments).await;
+        let error = &document["error"];
+        let told = (output.status.code(), error["field"].as_str());
+        assert_eq!(told, (Some(refusal.code), Some(refusal.field)), "{arguments:?}: {document}");
+        if took < bound && error["message"].as_str().is_some_and(|message| message.contains(refusal.there)) {
+            return;
+        }
+        assert!(tries < TRIES, "{arguments:?} took {took:?}: {document}");
+    }
 }
 
 /// A process that is killed when it goes out of scope.
