@@ -6,9 +6,12 @@ import os
 import signal
 import socket
 import subprocess
-import time
+import sys
 
 from system import DOMAIN, until
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
+from robot_command import robot_command  # noqa: E402
 
 REPOSE = os.environ["REPOSE"]
 
@@ -64,15 +67,7 @@ class Programs:
             raise
 
     def robot(self, action):
-        """`repose robot ACTION`, which has to come true: again where it is refused, for on a busy machine a state or a scene may come late."""
-        ends = time.monotonic() + 60
-        while True:
-            done = subprocess.run([REPOSE, "robot", action, "--connect", self.cell], capture_output=True, text=True, timeout=60)
-            if done.returncode == 0:
-                return
-            # What came of an action is printed, whatever it was; a refusal is not, and nothing has moved.
-            assert not done.stdout and time.monotonic() < ends, f"{action}: {done.stdout}{done.stderr}"
-            time.sleep(0.2)
+        robot_command(REPOSE, self.cell, action)
 
     def robot_state(self):
         """The robot's state, if it shows one."""

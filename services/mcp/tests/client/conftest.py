@@ -6,13 +6,16 @@ import os
 import signal
 import socket
 import subprocess
-import time
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from mcp import Client, Implementation, StdioServerParameters
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[4] / "tests" / "common"))
+from robot_command import robot_command  # noqa: E402
 
 #: What the tests say of themselves; the server's log must say it again.
 WHO = Implementation(name="repose-tests", version="1.2.3")
@@ -51,21 +54,9 @@ class Cell:
     def arguments(self, *more: str) -> list[str]:
         return ["mcp", "--connect", self.endpoint, *more]
 
-    def robot(self, *actions: str) -> None:
-        """What an operator does, who asks again where nothing has moved: on a machine that is busy a state or a scene may come late."""
-        for action in actions:
-            command = [self.program, "robot", action, "--connect", self.endpoint]
-            ends = time.monotonic() + 60
-            while True:
-                done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-                if done.returncode == 0 or action == "retreat":
-                    break
-                # What came of an action is printed, whatever it was; a refusal is not.
-                assert not done.stdout and time.monotonic() < ends, f"{action}: {done.stdout}{done.stderr}"
-                time.sleep(0.2)
-
     def bring_back(self) -> None:
-        self.robot("reset", "open", "retreat", "home")
+        for action in ("reset", "open", "retreat", "home"):
+            robot_command(self.program, self.endpoint, action)
 
     def agent(self, *more: str, mode: str = "auto") -> Client:
         """An agent that starts a server of its own, on standard input and output."""
