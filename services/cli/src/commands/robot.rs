@@ -133,6 +133,7 @@ fn recovered(robot: &str, motion: RecoveryMove, reply: &RecoverReply) -> String 
 async fn newest_scene(args: &RobotArgs, session: &Session) -> Result<IdentifiedScene, Failure> {
     let now_ns = client::robot_state(session, &args.robot, Duration::from_millis(args.deadline_ms)).await?.stamp_ns;
     let newest = async {
+        // Two questions: this one waits for perception and a first scene, or says what there is instead. Only then does the time for a newer one begin.
         client::newest_scene(session, &args.camera, SCENE, client::PATIENCE).await?;
         let perception = session.caller(Service::Perception).await?;
         let options = CallOptions::within(SCENE);
