@@ -209,7 +209,8 @@ impl Running {
     /// Steps the world up to now, for a nap's time at most: a world that cannot keep up hears of stops and commands all the same.
     fn catch_up(&mut self, step: Duration) {
         let now = Instant::now();
-        self.stepped_to = self.stepped_to.max(now.checked_sub(CATCH_UP).unwrap_or(self.stepped_to));
+        // In slow motion a step takes longer than is made up for: it is made up for all the same, or none would ever be due.
+        self.stepped_to = self.stepped_to.max(now.checked_sub(CATCH_UP.max(step)).unwrap_or(self.stepped_to));
         while self.stepped_to + step <= now && now.elapsed() < NAP {
             let now_s = self.now_s();
             match self.cell.robot_ms() - self.moved_ms < STILL_FOR_MS {
@@ -335,11 +336,11 @@ fn wall_ns() -> u64 {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_world_that_cannot_keep_up_with_its_clock_listens_after_a_few_steps() {
+    /// A world that was stepped up to before its scene was made: longer ago than is made up for.
+    fn running() -> Running {
         let started = Instant::now();
         let cell = CellWorld::new(1, CellSettings::default(), ArmSettings::default(), HandSettings::default()).expect("a scene");
-        let mut world = Running {
+        Running {
             cell,
             config: SimulatorConfig::default(),
             waiting: sync_channel(1).1,
@@ -347,14 +348,32 @@ mod tests {
             states: watch::channel(None).0,
             frames: watch::channel(None).0,
             started,
-            // Since before the scene was made: longer ago than is made up for.
             stepped_to: started,
             states_made: 0,
             moved_ms: 0.0,
-        };
+        }
+    }
+
+    fn steps_of(world: &Running) -> f64 {
+        world.cell.robot_ms() * 1e-3 / world.cell.step_s()
+    }
+
+    #[test]
+    fn a_world_that_cannot_keep_up_with_its_clock_listens_after_a_few_steps() {
+        let mut world = running();
         // Some sixty million steps are due, which take minutes.
         world.catch_up(Duration::from_nanos(1));
-        let taken = world.cell.robot_ms() * 1e-3 / world.cell.step_s();
+        let taken = steps_of(&world);
         assert!((0.5..1e6).contains(&taken), "{taken} steps");
+    }
+
+    #[test]
+    fn a_world_in_slow_motion_moves_though_a_step_takes_longer_than_is_made_up_for() {
+        let mut world = running();
+        let step = CATCH_UP * 2;
+        std::thread::sleep(step.saturating_sub(world.stepped_to.elapsed()));
+        world.catch_up(step);
+        let taken = steps_of(&world);
+        assert!((taken - 1.0).abs() < 1e-6, "{taken} steps");
     }
 }
