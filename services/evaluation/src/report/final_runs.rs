@@ -95,8 +95,21 @@ pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_
     let begun_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let run = FinalRun { table: table.to_owned(), block, commit: commit.to_owned(), made_with: made_with.clone(), begun_s };
     let line = serde_json::to_string(&run).map_err(|e| FileError::new(ledger, e))?;
-    writeln!(file, "{line}").map_err(failed)?;
+    // An editor, or a disk that was full, may have left the last line without its end.
+    let end = if text.is_empty() || text.ends_with('\n') { "" } else { "\n" };
+    append(&mut file, &format!("{end}{line}\n")).map_err(failed)?;
     Ok(block)
+}
+
+/// Adds to a file all of a text or nothing, and waits until the disk has it: a run whose line a power cut takes away would be run again.
+fn append(file: &mut File, text: &str) -> std::io::Result<()> {
+    let length = file.metadata()?.len();
+    let written = file.write_all(text.as_bytes()).and_then(|()| file.sync_data());
+    if written.is_err() {
+        // Half a line would damage the ledger; that the whole one could not be written is what the caller hears of.
+        drop(file.set_len(length));
+    }
+    written
 }
 
 /// The ledger in a checkout, seen from its top folder.
@@ -156,6 +169,19 @@ mod tests {
             assert!(matches!(refused, FinalRunError::Unknown), "{refused}");
         }
         assert!(!ledger.exists(), "no block is spent");
+    }
+
+    #[test]
+    fn a_last_line_without_its_end_is_a_run_like_any_other() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let ledger = folder.path().join("final.jsonl");
+        claim(&ledger, "planner", None, "c", &json!({})).expect("the first");
+        let text = std::fs::read_to_string(&ledger).expect("a file");
+        std::fs::write(&ledger, text.trim_end()).expect("written");
+        for block in 1..3 {
+            let made_with = json!({"variants": [block]});
+            assert_eq!(claim(&ledger, "planner", None, "c", &made_with).expect("the next"), block);
+        }
     }
 
     #[test]
