@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use image::{DynamicImage, ImageFormat};
+use repose_dataset::write_whole;
 
 /// A file of a report that could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -22,17 +23,18 @@ impl FileError {
     }
 }
 
-/// Writes `NAME.json` and pictures (name, SVG) into a folder, which is made where it is missing.
+/// Writes `NAME.json` and pictures (name, SVG) into a folder, which is made where it is missing. Each is written whole: a report of hours of work is
+/// not lost to the one that was to take its place.
 ///
 /// # Errors
-/// When a file cannot be written.
+/// When a file cannot be written; the one that was there stays.
 pub fn write_report(folder: &Path, name: &str, document: &serde_json::Value, pictures: &[(String, String)]) -> Result<(), FileError> {
     std::fs::create_dir_all(folder).map_err(|e| FileError::new(folder, e))?;
     let json = serde_json::to_string_pretty(document).map_err(|e| FileError::new(folder, e))?;
     let files = std::iter::once((format!("{name}.json"), json.as_str()));
     for (file, text) in files.chain(pictures.iter().map(|(name, svg)| (format!("{name}.svg"), svg.as_str()))) {
         let path = folder.join(file);
-        std::fs::write(&path, text).map_err(|e| FileError::new(&path, e))?;
+        write_whole(&path, text.as_bytes()).map_err(|e| FileError::new(&path, e))?;
     }
     Ok(())
 }
@@ -86,5 +88,16 @@ mod tests {
             .expect("written");
         let text = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect(name);
         assert!(text("table.json").contains("\"scenes\": 2") && text("bars.svg") == "<svg/>");
+    }
+
+    #[test]
+    fn a_report_that_cannot_be_written_leaves_the_earlier_one() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let write = |scenes: u32| write_report(folder.path(), "table", &serde_json::json!({"scenes": scenes}), &[]);
+        write(1).expect("written");
+        // Nothing can be written where a folder stands in the way, as on a disk that is full.
+        std::fs::create_dir(folder.path().join(format!("table.json.{}.tmp", std::process::id()))).expect("a folder");
+        assert!(write(2).expect_err("no room").to_string().contains("table.json"));
+        assert!(std::fs::read_to_string(folder.path().join("table.json")).expect("it is there").contains("\"scenes\": 1"));
     }
 }
