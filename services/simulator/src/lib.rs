@@ -61,18 +61,25 @@ pub enum SimulatorError {
     /// The network refused.
     #[error(transparent)]
     Runtime(#[from] RuntimeError),
+    /// The world's thread has panicked.
+    #[error("the world has ended: its thread panicked, and has said why on standard error")]
+    Ended,
 }
 
 /// Runs the cell until `shutdown`: frames and robot states out, commands and stops in, `reset` and `truth` answered.
 ///
 /// # Errors
-/// [`SimulatorError`] when the configuration is out of range, the seed gives no scene, or the network refuses.
+/// [`SimulatorError`] when the configuration is out of range, the seed gives no scene, the network refuses, or the world has ended: who started
+/// this may start it again, while a cell without a world would look alive and never move.
 pub async fn run(session: Session, config: SimulatorConfig, shutdown: Shutdown) -> Result<(), SimulatorError> {
     let worker = Arc::new(Worker::start(&config)?);
     // Aborted when this function returns, whatever the reason.
     let mut tasks = tokio::task::JoinSet::new();
     endpoints::connect(&session, &config, &worker, &mut tasks).await?;
-    let handler = Arc::new(endpoints::Endpoints::new(worker));
-    session.serve(Service::Simulator, handler, shutdown).await?;
-    Ok(())
+    let handler = Arc::new(endpoints::Endpoints::new(worker.clone()));
+    tokio::select! {
+        biased;
+        served = session.serve(Service::Simulator, handler, shutdown) => Ok(served?),
+        () = worker.ended() => Err(SimulatorError::Ended),
+    }
 }

@@ -89,6 +89,12 @@ impl Worker {
         self.frames.clone()
     }
 
+    /// Comes to its end when the world does. Before it is let go of it only does so where its thread has panicked.
+    pub async fn ended(&self) {
+        let mut frames = self.frames();
+        while frames.changed().await.is_ok() {}
+    }
+
     /// Hands a command to the arm, which may still ignore it.
     ///
     /// # Errors
@@ -365,6 +371,16 @@ mod tests {
         world.catch_up(Duration::from_nanos(1));
         let taken = steps_of(&world);
         assert!((0.5..1e6).contains(&taken), "{taken} steps");
+    }
+
+    #[tokio::test]
+    async fn whoever_serves_a_world_hears_that_it_has_ended() {
+        let worker = Worker::start(&SimulatorConfig::default()).expect("a world");
+        let soon = Duration::from_millis(300);
+        assert!(tokio::time::timeout(soon, worker.ended()).await.is_err(), "it goes on");
+        // As where its thread has panicked, there is nobody then who would show anything.
+        drop(worker.inputs.lock().expect("nobody has panicked").take());
+        tokio::time::timeout(Duration::from_secs(60), worker.ended()).await.expect("it has ended");
     }
 
     #[test]
