@@ -12,7 +12,7 @@ use repose_evaluation::scenes::arrangement::trial::TaskRecord;
 use repose_evaluation::tables::arrange::{ArrangeTableSettings, arrange_rows, evaluate_arrange};
 use repose_proto::place::Variant;
 
-use super::shared::{TableArgs, can_report, check_slots};
+use super::shared::{TableArgs, can_report, check_slots, told};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -98,10 +98,8 @@ pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
     bar.finish();
     let rows = arrange_rows(&records);
     let document = document(&rows, &records, &scenes.named(&made_with));
-    if let Some(folder) = &args.out {
-        write_report(folder, "arrange", &document, &[])?;
-    }
-    output.print(&document, || text_of(&rows))
+    let written = args.out.as_deref().map_or(Ok(()), |folder| write_report(folder, "arrange", &document, &[]));
+    told(written, || output.print(&document, || text_of(&rows)))
 }
 
 fn parse_task_kind(text: &str) -> Result<TaskKind, String> {

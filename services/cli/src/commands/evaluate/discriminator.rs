@@ -9,7 +9,7 @@ use repose_evaluation::tables::discriminator::{DiscriminatorSettings, evaluate_d
 use repose_proto::place::Variant;
 use serde_json::json;
 
-use super::shared::{TableArgs, can_report, folder_name, only_meshes};
+use super::shared::{TableArgs, can_report, folder_name, only_meshes, told};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -62,10 +62,11 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> CommandResult {
     let table = evaluate_discriminator(scenes.split, args.scenes, &engine, &settings, |scenes| progress.set(scenes as u64))?;
     progress.finish();
     let document = document(&table, &scenes.named(&made_with));
-    if let Some(folder) = &args.out {
-        write_report(folder, "discriminator", &document, &pictures(&table).map_err(Failure::other)?)?;
-    }
-    output.print(&document, || text_of(&table))
+    let written = match &args.out {
+        Some(folder) => write_report(folder, "discriminator", &document, &pictures(&table).map_err(Failure::other)?),
+        None => Ok(()),
+    };
+    told(written, || output.print(&document, || text_of(&table)))
 }
 
 #[cfg(test)]

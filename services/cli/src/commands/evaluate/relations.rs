@@ -8,7 +8,7 @@ use repose_evaluation::report::written::write_report;
 use repose_evaluation::tables::relations::{CloudSource, RelationsSettings, evaluate_relations};
 use serde_json::json;
 
-use super::shared::{TableArgs, can_report, folder_name, only_meshes};
+use super::shared::{TableArgs, can_report, folder_name, only_meshes, told};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::progress::Progress;
@@ -52,10 +52,11 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> CommandResult {
     };
     let (table, beside) = (table_of(CloudSource::Rendered)?, [table_of(CloudSource::Apart)?, table_of(CloudSource::Together)?]);
     let document = document(&table, &beside, &scenes.named(&made_with));
-    if let Some(folder) = &args.out {
-        write_report(folder, "relations", &document, &pictures(&table, &beside).map_err(Failure::other)?)?;
-    }
-    output.print(&document, || text_of(&table, &beside))
+    let written = match &args.out {
+        Some(folder) => write_report(folder, "relations", &document, &pictures(&table, &beside).map_err(Failure::other)?),
+        None => Ok(()),
+    };
+    told(written, || output.print(&document, || text_of(&table, &beside)))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use clap::Args;
 use repose_dataset::Split;
 use repose_evaluation::report::final_runs::{claim, ledger};
 use repose_evaluation::report::own_commit::own_commit;
-use repose_evaluation::report::written::can_write;
+use repose_evaluation::report::written::{FileError, can_write};
 use repose_inference::Engine;
 use repose_simulator::objects::{MeshLibrary, MeshSettings, ObjectSource};
 use repose_simulator::scene::SceneSettings;
@@ -93,6 +93,15 @@ pub fn can_report(folder: Option<&Path>, table: &str) -> CommandResult {
     folder.map_or(Ok(()), |folder| can_write(&folder.join(format!("{table}.json")))).map_err(Failure::from)
 }
 
+/// Tells of a table whether or not its report could be written: a disk that fills up takes the files, and not what came of hours.
+pub fn told(written: Result<(), FileError>, tell: impl FnOnce() -> CommandResult) -> CommandResult {
+    tell()?;
+    written.map_err(|failure| {
+        tracing::error!(%failure, "the report is missing");
+        Failure::NotAchieved
+    })
+}
+
 /// The name of a folder of meshes, as reports have it: where it lies says nothing about them.
 pub fn folder_name(folder: Option<&Path>) -> Option<String> {
     Some(folder?.file_name()?.to_string_lossy().into_owned())
@@ -103,4 +112,19 @@ pub fn only_meshes(scene: &mut SceneSettings, folder: &Path) -> CommandResult {
     let library = MeshLibrary::load(folder, &MeshSettings::default()).map_err(|e| Failure::bad_input("objects", e))?;
     scene.arrange.source = ObjectSource::meshes(library);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_told_of_though_its_report_cannot_be_written() {
+        let mut is_told = false;
+        let ended = told(Err(FileError::new(Path::new("relations.json"), "no space left on device")), || {
+            is_told = true;
+            Ok(())
+        });
+        assert!(is_told && ended.is_err_and(|failed| failed.exit_code() == 1));
+    }
 }
