@@ -107,8 +107,8 @@ impl Console {
     pub async fn serve(self, shutdown: Shutdown) -> Result<(), ConsoleError> {
         let pages = endpoints::router(self.state, shutdown.clone());
         match self.tls {
-            None => serve_http(self.listener, pages, &shutdown).await?,
-            Some(acceptor) => serve_http(tls::Listener::new(self.listener, acceptor)?, pages, &shutdown).await?,
+            None => serve_http(self.listener, pages, &shutdown).await,
+            Some(acceptor) => serve_http(tls::Listener::new(self.listener, acceptor)?, pages, &shutdown).await,
         }
         Ok(())
     }

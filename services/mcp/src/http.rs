@@ -65,14 +65,11 @@ impl BoundServer {
     }
 
     /// Serves until `shutdown`.
-    ///
-    /// # Errors
-    /// When the listener fails.
-    pub async fn serve(self, desk: Arc<Desk>, shutdown: Shutdown) -> Result<(), McpError> {
+    pub async fn serve(self, desk: Arc<Desk>, shutdown: Shutdown) {
         let agents = protocol::http(desk, shutdown.token());
         let door = Arc::new(Door { token: self.token, hosts: self.hosts });
         let routes = Router::new().merge(agents).layer(from_fn(watched)).layer(from_fn_with_state(door, guarded));
-        serve_http(self.listener, routes, &shutdown).await.map_err(|e| McpError::Serve(e.to_string()))
+        serve_http(self.listener, routes, &shutdown).await;
     }
 }
 

@@ -71,5 +71,6 @@ pub async fn serve_http(session: Session, settings: McpSettings, http: HttpSetti
     let http = http::BoundServer::open(http).await?;
     let desk = Arc::new(Desk::open(session, settings).await?);
     tracing::info!(url = http.url(), execute = desk.settings().allow_execute, "serving agents");
-    http.serve(desk, shutdown).await
+    http.serve(desk, shutdown).await;
+    Ok(())
 }

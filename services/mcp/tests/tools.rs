@@ -320,5 +320,5 @@ async fn an_arm_comes_to_rest_when_the_connection_of_the_agent_that_moves_it_is_
     drop(waiting);
     tokio::time::timeout(within, cell.world.was_cancelled.notified()).await.expect("it goes on for nobody");
     shutdown.trigger();
-    serving.await.expect("joined").expect("served");
+    serving.await.expect("joined");
 }

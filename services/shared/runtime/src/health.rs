@@ -9,9 +9,9 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::routing::get;
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
-use tokio_util::sync::{CancellationToken, DropGuard};
+use tokio_util::sync::DropGuard;
 
-use crate::{RuntimeError, Session, silence};
+use crate::{RuntimeError, Session, Shutdown, serve_http};
 
 /// Every metric that a process tells: its name, and what it counts. Boards and alerts name these and no others.
 pub const METRICS: [(&str, &str); 22] = [
@@ -111,16 +111,11 @@ impl HealthServer {
             .route("/ready", get(ready))
             .route("/metrics", get(metrics_page))
             .with_state(told);
-        let stop = CancellationToken::new();
+        let stop = Shutdown::new();
         let stopped = stop.clone();
-        tokio::spawn(async move {
-            let served = axum::serve(silence::Listener(listener), pages).with_graceful_shutdown(stopped.cancelled_owned()).await;
-            if let Err(error) = served {
-                tracing::error!(%error, "health and metrics are no longer served");
-            }
-        });
+        tokio::spawn(async move { serve_http(listener, pages, &stopped).await });
         tracing::info!(%address, "health and metrics");
-        Ok(Self { address, _stop: stop.drop_guard() })
+        Ok(Self { address, _stop: stop.on_drop() })
     }
 
     /// The server that a session's configuration asks for, section `[telemetry]`; none where it asks for none.

@@ -1,6 +1,6 @@
 //! One word for "stop now" that a process, its services and their tasks share.
 
-use tokio_util::sync::CancellationToken;
+use tokio_util::sync::{CancellationToken, DropGuard};
 
 use crate::RuntimeError;
 
@@ -40,6 +40,11 @@ impl Shutdown {
     /// Asks.
     pub fn trigger(&self) {
         self.0.cancel();
+    }
+
+    /// Asks when what this returns is dropped.
+    pub(crate) fn on_drop(&self) -> DropGuard {
+        self.0.clone().drop_guard()
     }
 
     /// Whether it was asked.

@@ -12,7 +12,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep, sleep};
 
-/// How long nothing may pass. Browsers keep a connection that they may need again for about as long.
+/// How long nothing may pass, in either direction, in the middle of a body, an answer or a WebSocket; the next request has to come sooner.
 pub(crate) const LONGEST: Duration = Duration::from_secs(300);
 
 /// A listener whose connections do not stay silent.
