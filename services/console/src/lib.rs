@@ -24,7 +24,7 @@ pub mod viewers;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use repose_runtime::{RuntimeError, Session, Shutdown, serve_http};
+use repose_runtime::{CertificateReading, RuntimeError, Session, Shutdown, serve_http, watch_certificate};
 use tokio::net::TcpListener;
 
 pub use config::ConsoleConfig;
@@ -83,6 +83,9 @@ impl Console {
         config.validate()?;
         let access = access::Access::read(&config)?;
         let tls = config.certificate_and_key().map(|(certificate, key)| tls::Acceptor::read(certificate, key)).transpose()?;
+        if let Some(certificate) = config.certificate.as_deref() {
+            watch_certificate(certificate, CertificateReading::Again);
+        }
         let address = config.listen;
         let listener = TcpListener::bind(address).await.map_err(|source| ConsoleError::Listen { address, source })?;
         let address = listener.local_addr()?;

@@ -6,6 +6,7 @@ use std::process::Stdio;
 
 use clap::{Args, Subcommand};
 use repose_proto::CallError;
+use repose_runtime::CertificateExpiry;
 use repose_runtime::deployment::{self, CheckReport, Group, Roles, TrialFiles};
 use tokio::process::Child;
 
@@ -133,12 +134,13 @@ fn router_apart(files: &TrialFiles) -> Result<(Child, String), Failure> {
 }
 
 fn words(report: &CheckReport) -> String {
-    let CheckReport { tried, allowed, untried, wrong, unanswered } = report;
+    let CheckReport { tried, allowed, untried, wrong, unanswered, expiring } = report;
     let mut lines = vec![format!(
         "{tried} combinations of user, verb and key tried, {allowed} of them allowed; {untried} not tried, because nobody may be at the other end"
     )];
     lines.extend(wrong.iter().map(|trial| format!("WRONG: {trial}")));
     lines.extend(unanswered.iter().map(|trial| format!("UNKNOWN: {trial}")));
+    lines.extend(expiring.iter().filter_map(CertificateExpiry::warning).map(|warning| format!("EXPIRES: {warning}")));
     lines.push(match (wrong.len(), unanswered.len()) {
         (0, 0) => "every user may do what the roles say, and nothing else".to_owned(),
         (wrong, 0) => format!("{wrong} differ from the roles"),
@@ -154,6 +156,14 @@ mod tests {
     use super::*;
 
     type Line = crate::testing::Line<DeployArgs>;
+
+    #[test]
+    fn what_expires_is_said_beside_what_is_right() {
+        let old = CertificateExpiry { file: "router/router.pem".into(), expires_on: "1970-01-01".to_owned(), expires_s: 0 };
+        let report = CheckReport { expiring: vec![old], ..CheckReport::default() };
+        assert!(report.is_right());
+        assert!(words(&report).contains("EXPIRES: the certificate router/router.pem has expired, on 1970-01-01"), "{}", words(&report));
+    }
 
     #[test]
     fn a_folder_on_another_machine_is_named_from_its_root() {

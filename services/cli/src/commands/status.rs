@@ -9,7 +9,7 @@ use repose_evaluation::report::text::table;
 use repose_proto::Service;
 use repose_proto::load::WorkerLoad;
 use repose_proto::robot::RobotState;
-use repose_runtime::{Session, Shutdown};
+use repose_runtime::{CertificateExpiry, Session, Shutdown, certificates_in_use};
 use serde_json::{Value, json};
 
 use crate::cell_survey::{CameraHeard, CellListener, CellSurvey, Received, WorkerName, listed};
@@ -60,8 +60,14 @@ async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output
             heard = observer.listen(within, &heard) => heard?,
             () = shutdown.requested() => return Ok(()),
         };
-        let status =
-            Status { heard: &heard, cell: session.cell().name(), pool: session.pool(), is_user: session.is_user(), seconds: args.seconds };
+        let status = Status {
+            heard: &heard,
+            cell: session.cell().name(),
+            pool: session.pool(),
+            is_user: session.is_user(),
+            seconds: args.seconds,
+            certificates: certificates_in_use(),
+        };
         let is_read = output.print_more(&status.document(), || {
             let top = if args.watch && std::io::stdout().is_terminal() { "\x1b[2J\x1b[H" } else { "" };
             format!("{top}{}", status.text())
@@ -99,6 +105,8 @@ struct Status<'a> {
     is_user: bool,
     /// How long was listened.
     seconds: f64,
+    /// When the certificates expire that this session uses.
+    certificates: Vec<CertificateExpiry>,
 }
 
 impl Status<'_> {
@@ -128,6 +136,7 @@ impl Status<'_> {
             "workers": heard.workers.iter().map(worker).collect::<Vec<_>>(),
             "cameras": heard.cameras.iter().map(camera).collect::<Vec<_>>(),
             "robots": heard.robots.iter().map(robot).collect::<Vec<_>>(),
+            "certificates": self.certificates,
             "wrong": self.wrong(),
         })
     }
@@ -198,6 +207,7 @@ impl Status<'_> {
     /// What is wrong now, a sentence each.
     fn wrong(&self) -> Vec<String> {
         let heard = self.heard;
+        let expiring = self.certificates.iter().filter_map(CertificateExpiry::warning);
         let alive = |service: Service| heard.workers.iter().filter(move |(name, _)| name.service == service);
         let mut wrong: Vec<String> = [Service::Perception, Service::Inference, Service::Planner, Service::Motion]
             .into_iter()
@@ -234,7 +244,8 @@ impl Status<'_> {
             wrong.push(format!("inference workers serve different weights: {}", counts.join(", ")));
         }
         if self.is_user && heard.workers.is_empty() && heard.cameras.is_empty() && heard.robots.is_empty() {
-            return vec![format!("nothing of the cell {} is seen: either nothing runs there, or this user is not of that cell", self.cell)];
+            let nothing = format!("nothing of the cell {} is seen: either nothing runs there, or this user is not of that cell", self.cell);
+            return std::iter::once(nothing).chain(expiring).collect();
         }
         if heard.cameras.is_empty() {
             wrong.push("no camera showed anything while this was listened to".to_owned());
@@ -253,6 +264,7 @@ impl Status<'_> {
             }
         }
         wrong.extend(wrong_with(&self.clocks()));
+        wrong.extend(expiring);
         wrong
     }
 
@@ -291,6 +303,20 @@ fn ago(age: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn certificates_that_have_expired_are_wrong_whatever_else_is_seen() {
+        let old = CertificateExpiry { file: "anna/certificate.pem".into(), expires_on: "1970-01-01".to_owned(), expires_s: 0 };
+        let good = CertificateExpiry { file: "anna/authority.pem".into(), expires_on: "9999-12-31".to_owned(), expires_s: 253_402_214_400 };
+        let heard = CellSurvey::default();
+        for is_user in [true, false] {
+            let certificates = vec![old.clone(), good.clone()];
+            let status = Status { heard: &heard, cell: "cell", pool: None, is_user, seconds: 1.0, certificates };
+            let said = status.wrong().into_iter().filter(|sentence| sentence.contains("anna/"));
+            assert_eq!(said.collect::<Vec<_>>(), ["the certificate anna/certificate.pem has expired, on 1970-01-01"]);
+            assert_eq!(status.document()["certificates"][1]["expires_on"], "9999-12-31");
+        }
+    }
 
     #[test]
     fn a_hash_is_cut_off_whatever_it_is_made_of() {

@@ -11,10 +11,10 @@ use axum::routing::get;
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tokio_util::sync::DropGuard;
 
-use crate::{RuntimeError, Session, Shutdown, serve_http};
+use crate::{RuntimeError, Session, Shutdown, expiry, serve_http};
 
 /// Every metric that a process tells: its name, and what it counts. Boards and alerts name these and no others.
-pub const METRICS: [(&str, &str); 22] = [
+pub const METRICS: [(&str, &str); 23] = [
     ("repose_requests_total", "Calls that ended, by service, method and code (`result` or an error's)"),
     ("repose_request_seconds", "From a call's arrival to its end, seconds"),
     ("repose_queue_seconds", "From a job's submission to the moment that a thread took it, seconds"),
@@ -30,6 +30,7 @@ pub const METRICS: [(&str, &str); 22] = [
     ("repose_journal_dropped_total", "Copies of calls that a recorder did not get, because they were not taken in time"),
     ("repose_links", "Links to other processes: a router's sessions"),
     ("repose_router_refused_total", "Logins and messages that the router refused"),
+    ("repose_certificate_expires_in_seconds", "Seconds until a certificate in use expires, by its file; negative afterwards"),
     ("repose_perception_frames_total", "Frames by what they became"),
     ("repose_perception_frame_to_scene_seconds", "From a frame's arrival to its scene, seconds"),
     ("repose_ros2_pictures_total", "Pictures of a ROS 2 camera by what they became"),
@@ -145,6 +146,7 @@ async fn ready(State(told): State<Told>) -> (StatusCode, &'static str) {
 
 async fn metrics_page(State(told): State<Told>) -> String {
     process_metrics();
+    expiry::tell_metric();
     told.metrics.render()
 }
 

@@ -65,6 +65,7 @@ mod diagnosis;
 mod directory;
 mod endpoint;
 mod error;
+mod expiry;
 pub mod fake;
 mod frame_link;
 mod gauge;
@@ -116,6 +117,7 @@ pub use config::{
 pub use directory::{Accept, WorkerView};
 pub use endpoint::endpoint_fault;
 pub use error::RuntimeError;
+pub use expiry::{CertificateExpiry, CertificateReading, certificates_in_use, watch_certificate};
 pub use gauge::{LoadGauge, load_of};
 pub use health::{HealthServer, METRICS, start_metrics};
 pub use host::{host_name, is_own_host};

@@ -17,6 +17,7 @@ use crate::RuntimeError;
 use crate::config::SessionConfig;
 use crate::mailbox::{MailboxReceiver, mailbox};
 use crate::transport::{AliveWatch, Guard, Transport};
+use crate::zenoh_session::watch_certificates;
 use crate::zenoh_transport::{CancelOnDrop, ZenohTransport, bytes_of, send};
 
 /// Replies of one query that may wait to be read.
@@ -72,6 +73,7 @@ impl RawSession {
     /// # Errors
     /// When the configuration is unusable or the network cannot be reached.
     pub async fn open(config: &SessionConfig) -> Result<Self, RuntimeError> {
+        watch_certificates(config)?;
         Ok(Self { transport: Arc::new(ZenohTransport::open(config).await?) })
     }
 

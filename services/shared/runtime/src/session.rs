@@ -13,6 +13,7 @@ use crate::shares::Shares;
 use crate::target::Target;
 use crate::telemetry::REFUSED_KINDS;
 use crate::transport::{AliveWatch, Subscription, Traffic, Transport};
+use crate::zenoh_session::watch_certificates;
 use crate::zenoh_transport::ZenohTransport;
 use crate::{Handler, HealthServer, RuntimeError, Server, Shutdown, open_files};
 
@@ -32,6 +33,7 @@ impl Session {
     /// When the configuration is unusable or the network cannot be reached.
     pub async fn open(config: RuntimeConfig) -> Result<Self, RuntimeError> {
         config.validate()?;
+        watch_certificates(&config.session)?;
         let transport = Arc::new(ZenohTransport::open(&config.session).await?);
         Self::over(transport, config)
     }

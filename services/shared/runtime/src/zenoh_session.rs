@@ -1,10 +1,12 @@
 //! How Zenoh is set up for a session of ours, and opened.
 
+use std::path::Path;
 use std::time::Duration;
 
 use crate::RuntimeError;
 use crate::config::{SessionConfig, SessionMode};
 use crate::diagnosis::Credentials;
+use crate::expiry::{CertificateReading, watch_certificate};
 use crate::opening::{RouterEntry, open_apart};
 
 /// The least time of an attempt at a link, milliseconds: a few round trips between busy machines.
@@ -86,6 +88,39 @@ pub(crate) fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, Runt
         zenoh_config.insert_json5(key, &value.to_string()).map_err(|e| unusable(key, &e))?;
     }
     Ok(zenoh_config)
+}
+
+/// Has the certificates of a session's links looked after.
+///
+/// # Errors
+/// When the configuration is unusable.
+pub(crate) fn watch_certificates(config: &SessionConfig) -> Result<(), RuntimeError> {
+    // Nothing else names any.
+    if config.zenoh_file.is_none() {
+        return Ok(());
+    }
+    let zenoh_config = zenoh_config(config)?;
+    let said = |key: &str| zenoh_config.get_json(key).ok();
+    let has_secured_links = ["connect/endpoints", "listen/endpoints"].map(said).into_iter().flatten().any(|json| json.contains("\"quic"));
+    if !has_secured_links {
+        return Ok(());
+    }
+    let listens = config.mode != SessionMode::Client;
+    let is_mutual = said("transport/link/tls/enable_mtls").is_some_and(|json| json == "true");
+    // What a listener has read stays until the process starts again; for a link to somewhere else it is read when that link is made.
+    let of_both = if listens { CertificateReading::Once } else { CertificateReading::Again };
+    let files = [
+        ("listen_certificate", listens, CertificateReading::Once),
+        ("connect_certificate", is_mutual, CertificateReading::Again),
+        ("root_ca_certificate", true, of_both),
+    ];
+    for (key, is_used, reading) in files {
+        let file = said(&format!("transport/link/tls/{key}")).and_then(|json| serde_json::from_str::<Option<String>>(&json).ok()?);
+        if let Some(file) = file.filter(|_| is_used) {
+            watch_certificate(Path::new(&file), reading);
+        }
+    }
+    Ok(())
 }
 
 /// How long one attempt at a link may take: what a dying router has left unanswered is tried again within the time for all.

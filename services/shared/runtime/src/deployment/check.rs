@@ -15,11 +15,15 @@ use super::probes::probes;
 use super::report::CheckReport;
 use super::roles::Roles;
 use super::sessions::TrialSessions;
-use crate::RuntimeError;
+use crate::expiry::say;
+use crate::{CertificateExpiry, RuntimeError};
 
 /// What a trial's sessions read: the users' files with everything where it lies now, since a deployment's own name it where it will be installed.
 /// They hold secrets, and go when this goes.
-pub struct TrialFiles(PathBuf);
+pub struct TrialFiles {
+    folder: PathBuf,
+    deployment: PathBuf,
+}
 
 impl TrialFiles {
     /// Writes them beside `deployment`, which [`super::write`] wrote.
@@ -27,22 +31,22 @@ impl TrialFiles {
     /// # Errors
     /// The file that is missing or cannot be written.
     pub fn write(roles: &Roles, deployment: &Path) -> Result<Self, RuntimeError> {
-        let files = Self(deployment.join(".check"));
-        super::files::write_trial(roles, deployment, &files.0).map_err(|e| RuntimeError::transport("preparing the trial", e))?;
+        let files = Self { folder: deployment.join(".check"), deployment: deployment.to_owned() };
+        super::files::write_trial(roles, deployment, &files.folder).map_err(|e| RuntimeError::transport("preparing the trial", e))?;
         Ok(files)
     }
 
     /// Zenoh's file for a router that is started for the trial alone. It must be a process of its own: sessions of one process share their
     /// threads, and a router waits on them for its own clients to take what it sends.
     pub fn router(&self) -> PathBuf {
-        self.0.join("router.json5")
+        self.folder.join("router.json5")
     }
 }
 
 impl Drop for TrialFiles {
     fn drop(&mut self) {
-        if let Err(error) = std::fs::remove_dir_all(&self.0) {
-            tracing::warn!(folder = %self.0.display(), %error, "could not be removed");
+        if let Err(error) = std::fs::remove_dir_all(&self.folder) {
+            tracing::warn!(folder = %self.folder.display(), %error, "could not be removed");
         }
     }
 }
@@ -52,10 +56,21 @@ impl Drop for TrialFiles {
 /// # Errors
 /// When a user is not let in, or a cell is in operation: its robots would act on what is tried.
 pub async fn check(roles: &Roles, files: &TrialFiles, endpoint: &str) -> Result<CheckReport, RuntimeError> {
-    let ends = TrialSessions::open(roles, endpoint, &files.0).await?;
+    let expiring = expiring(roles, &files.deployment);
+    // Where nobody is let in any more, this is why, and the report that would say so does not come.
+    let ends = TrialSessions::open(roles, endpoint, &files.folder).await.inspect_err(|_| say(&expiring))?;
     let report = try_all(roles, &ends).await;
     ends.close().await;
-    report
+    Ok(CheckReport { expiring, ..report? })
+}
+
+/// The certificates of a deployment that are warned of: the router's, every user's, and those of the authorities that either trusts.
+fn expiring(roles: &Roles, deployment: &Path) -> Vec<CertificateExpiry> {
+    let router = ["router.pem", "authority.pem"].map(|name| deployment.join("router").join(name));
+    let of_user: &[&str] = if roles.login.has_certificates() { &["certificate.pem", "authority.pem"] } else { &["authority.pem"] };
+    let users = roles.users.keys().flat_map(|user| of_user.iter().map(move |name| deployment.join("users").join(user).join(name)));
+    let read = router.into_iter().chain(users).filter_map(|file| CertificateExpiry::read(&file).ok());
+    read.filter(|expiry| expiry.warning().is_some()).collect()
 }
 
 async fn try_all(roles: &Roles, ends: &TrialSessions) -> Result<CheckReport, RuntimeError> {
@@ -85,4 +100,29 @@ async fn refuse_cells_in_operation(roles: &Roles, ends: &TrialSessions) -> Resul
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn certificates_that_expire_within_a_month_are_found_wherever_they_lie() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let text = "router = \"r:1\"\ncells = [\"lab\"]\nlogin = \"certificate\"\n[users.anna]\nrole = \"viewer\"\n";
+        let roles = Roles::parse(text).expect("roles");
+        crate::deployment::write(&roles, folder.path(), folder.path()).expect("written");
+        assert!(expiring(&roles, folder.path()).is_empty());
+        let mut params = rcgen::CertificateParams::new(Vec::new()).expect("no names");
+        params.not_after = rcgen::date_time_ymd(2020, 1, 2);
+        let old = params.self_signed(&rcgen::KeyPair::generate().expect("a key")).expect("signed").pem();
+        let files = ["router/router.pem", "router/authority.pem", "users/anna/certificate.pem", "users/anna/authority.pem"];
+        let files = files.map(|file| folder.path().join(file));
+        for file in &files {
+            std::fs::write(file, &old).expect("written");
+        }
+        let found = expiring(&roles, folder.path());
+        assert!(found.iter().map(|expiry| &expiry.file).eq(&files), "{found:?}");
+        assert!(found.iter().all(|expiry| expiry.expires_on == "2020-01-02"), "{found:?}");
+    }
 }

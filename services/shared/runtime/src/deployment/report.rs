@@ -1,6 +1,7 @@
 //! What a trial of a deployment found.
 
 use super::access::Verb;
+use crate::CertificateExpiry;
 
 /// The outcome of one attempted operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -56,6 +57,8 @@ pub struct CheckReport {
     pub wrong: Vec<PermissionMismatch>,
     /// What nobody can tell of.
     pub unanswered: Vec<PermissionMismatch>,
+    /// Certificates that have expired, or will within 30 days.
+    pub expiring: Vec<CertificateExpiry>,
 }
 
 impl CheckReport {

@@ -11,6 +11,7 @@ use repose_proto::{Cell, Payload, Priority, Service};
 
 use super::roles::Roles;
 use crate::transport::{OutgoingQuery, ReplyEvent, Transport};
+use crate::zenoh_transport::ZenohTransport;
 use crate::{RuntimeConfig, RuntimeError, Session, SessionMode};
 
 /// How long the router may take to answer, and what is allowed to come through.
@@ -28,7 +29,9 @@ async fn open(endpoint: &str, file: PathBuf) -> Result<Session, RuntimeError> {
     config.session.zenoh_file = Some(file);
     config.session.connect = vec![in_one_stream(endpoint)];
     config.session.lease_ms = LEASE_MS;
-    Session::open(config).await
+    // Not as a session of this process: the report says once when everybody's certificates expire.
+    let transport = Arc::new(ZenohTransport::open(&config.session).await?);
+    Session::over(transport, config)
 }
 
 /// The endpoint, with one stream for all priorities where QUIC would have one each: what is sent arrives in order then, declarations too.

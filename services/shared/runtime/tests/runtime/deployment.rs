@@ -9,7 +9,7 @@ use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{ErrorCode, Payload, Service};
 use repose_runtime::deployment::{Group, Roles, write};
-use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic};
+use repose_runtime::{CallOptions, HealthServer, RuntimeConfig, RuntimeError, Session, SessionMode, Traffic, certificates_in_use};
 
 /// The example that the README points to, for a router of this machine, and somebody of another cell.
 fn roles_text(login: &str) -> String {
@@ -206,6 +206,39 @@ async fn whoever_is_not_let_in_is_told_why_and_soon() {
         assert!(!said.contains(".rs:"), "{said}");
         assert!(took < Duration::from_secs(7), "{expected} after {took:?}");
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_process_tells_when_the_certificates_that_its_links_use_expire() {
+    let folder = tempfile::tempdir().unwrap();
+    write(&roles("certificate"), folder.path(), folder.path()).unwrap();
+    replace_certificate(folder.path(), "127.0.0.1", 5, None);
+    let (_router, endpoint) = router(folder.path()).await;
+    let file = folder.path().join("users/wall-display/zenoh.json5");
+    let client = open(SessionMode::Client, &endpoint, Some(&file)).await.unwrap();
+    let days_left = |file: &str| {
+        let file = folder.path().join(file);
+        certificates_in_use().into_iter().find(|expiry| expiry.file == file).map(|expiry| expiry.left_s() / 86_400)
+    };
+    assert_eq!(days_left("router/router.pem"), Some(4));
+    assert_eq!(days_left("users/wall-display/certificate.pem"), Some(364));
+    assert_eq!(days_left("users/wall-display/authority.pem"), Some(3649));
+    assert_eq!(days_left("users/anna/certificate.pem"), None, "that one is somebody else's");
+
+    let health = HealthServer::start("127.0.0.1:0", client, false).await.unwrap();
+    let address = health.address();
+    let page = tokio::task::spawn_blocking(move || {
+        use std::io::{Read as _, Write as _};
+        let mut stream = std::net::TcpStream::connect(address).unwrap();
+        stream.write_all(b"GET /metrics HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").unwrap();
+        let mut page = String::new();
+        stream.read_to_string(&mut page).unwrap();
+        page
+    });
+    let page = page.await.unwrap();
+    let start = format!("repose_certificate_expires_in_seconds{{file=\"{}\"}} ", folder.path().join("router/router.pem").display());
+    let left_s = page.lines().find_map(|line| line.strip_prefix(start.as_str())?.parse::<f64>().ok());
+    assert!(left_s.is_some_and(|left_s| (4.0 * 86_400.0..5.0 * 86_400.0).contains(&left_s)), "{left_s:?} in {page}");
 }
 
 #[tokio::test(flavor = "multi_thread")]
