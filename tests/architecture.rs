@@ -141,7 +141,7 @@ fn only_the_runtime_imports_zenoh() {
 }
 
 #[test]
-fn clients_stop_robots_and_find_scenes_by_the_runtimes_functions() {
+fn clients_stop_robots_read_states_and_find_scenes_by_the_runtimes_functions() {
     // Whoever asks one perception worker for the newest scene misses those of the others; whoever moves a robot without its token is not missed
     // when it dies. What names, records and plays messages, and what hands them to another language, knows them one by one.
     const BY_THE_MESSAGE: [&str; 4] = ["repose-proto", "repose-runtime", "repose-recorder", "repose-python"];
@@ -150,7 +150,7 @@ fn clients_stop_robots_and_find_scenes_by_the_runtimes_functions() {
             continue;
         }
         for (path, text) in sources(&member.dir.join("src")) {
-            for forbidden in ["call(\"latest\"", "Traffic::EmergencyStop", "live_client(&"] {
+            for forbidden in ["call(\"latest\"", "Traffic::EmergencyStop", "live_client(&", "decode_json::<RobotState>"] {
                 assert!(!code(&text).contains(forbidden), "{} has a copy of what the runtime does: {forbidden}", path.display());
             }
         }

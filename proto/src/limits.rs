@@ -34,6 +34,12 @@ pub const MAX_ZONE_NAME: usize = 64;
 pub const MAX_EPOCH: u64 = (1 << 53) - 1;
 /// The longest id of a robot's task, characters.
 pub const MAX_TASK_ID: usize = 64;
+/// The widest that a hand's fingers may be apart, metres: the hands of arms on tables open to less than half of it.
+pub const MAX_GRIPPER_WIDTH_M: f64 = 0.5;
+/// The most by which fingers may be told to be apart less than not at all, metres: encoders of fingers that press against each other do so by a millimetre.
+pub const MAX_GRIPPER_OVERLAP_M: f64 = 0.02;
+/// The farthest that a joint may be told to be turned, radians: sixteen turns, for there are arms whose joints turn on and on.
+pub const MAX_JOINT_RAD: f64 = 100.0;
 /// The most hints of one kind for a frame.
 pub const MAX_HINTS: usize = 64;
 /// The largest coordinate of a scene's points and of its surfaces, metres.

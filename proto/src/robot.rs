@@ -208,6 +208,20 @@ impl RobotState {
 
 impl Message for RobotState {
     const SCHEMA: &'static str = "RobotState.v1";
+
+    /// Refuses what no robot can be in. Joints beyond an arm's limits are none of that: a person who guides it by hand brings it there.
+    fn validate(&self) -> Result<(), CallError> {
+        check_finite("robot_ms", &[self.robot_ms])?;
+        check_finite("q_rad", &self.q_rad)?;
+        if let Some(i) = self.q_rad.iter().position(|joint_rad| joint_rad.abs() > limits::MAX_JOINT_RAD) {
+            check_range(&format!("q_rad[{i}]"), self.q_rad[i], -limits::MAX_JOINT_RAD..=limits::MAX_JOINT_RAD)?;
+        }
+        check_finite("dq_rad_s", &self.dq_rad_s)?;
+        check_range("gripper_width_m", self.gripper_width_m, -limits::MAX_GRIPPER_OVERLAP_M..=limits::MAX_GRIPPER_WIDTH_M)?;
+        check_finite("stream_ms", self.stream_ms.as_slice())?;
+        self.held.as_ref().map_or(Ok(()), |held| held.validate("held"))?;
+        self.world_from_base.as_ref().map_or(Ok(()), |pose| pose.validate("world_from_base"))
+    }
 }
 
 /// A command: a window of a stream of set-points, or a gripper action, or the clearing of a stop.

@@ -4,8 +4,8 @@ mod common;
 
 use common::*;
 use repose_proto::motion::{MotionPlan, MotionPlanRequest};
-use repose_proto::robot::EmergencyStop;
-use repose_proto::{CallError, ErrorCode, Message, Payload, limits};
+use repose_proto::robot::{EmergencyStop, RobotState};
+use repose_proto::{CallError, ErrorCode, Message, Payload, RigidTransform, limits};
 
 fn field(error: &CallError) -> &str {
     assert_eq!(error.code, ErrorCode::InvalidArgument, "{error}");
@@ -38,6 +38,55 @@ fn a_phase_that_nobody_knows_is_refused_by_its_field() {
     let error = sent.decode_json::<MotionPlan>().unwrap_err();
     assert_eq!(field(&error), "phases[0].name");
     assert!(error.message.contains("sprint"), "{error}");
+}
+
+/// What a robot's side says that says all it can.
+fn whole_state() -> RobotState {
+    RobotState { stream_ms: Some(3.0), held: Some(held()), world_from_base: Some(RigidTransform::IDENTITY), ..robot_state() }
+}
+
+#[test]
+fn a_state_that_no_robot_can_be_in_names_the_field_at_fault() {
+    type Edit = fn(&mut RobotState);
+    let cases: [(&str, Edit); 11] = [
+        ("robot_ms", |s| s.robot_ms = f64::NAN),
+        ("q_rad[2]", |s| s.q_rad[2] = f64::INFINITY),
+        ("q_rad[6]", |s| s.q_rad[6] = -1e6),
+        ("dq_rad_s[0]", |s| s.dq_rad_s[0] = f64::NAN),
+        ("gripper_width_m", |s| s.gripper_width_m = f64::NAN),
+        ("gripper_width_m", |s| s.gripper_width_m = 80.0),
+        ("gripper_width_m", |s| s.gripper_width_m = -0.5),
+        ("stream_ms", |s| s.stream_ms = Some(f64::NEG_INFINITY)),
+        ("held.low_m[1]", |s| s.held.iter_mut().for_each(|held| held.low_m[1] = f64::NAN)),
+        ("world_from_base", |s| s.world_from_base = Some(RigidTransform([0.0; 16]))),
+        ("world_from_base", |s| s.world_from_base.iter_mut().for_each(|pose| pose.0[3] = f64::NAN)),
+    ];
+    for (expected, edit) in cases {
+        let mut state = whole_state();
+        edit(&mut state);
+        assert_eq!(field(&state.validate().unwrap_err()), expected);
+    }
+}
+
+#[test]
+fn a_state_that_a_robot_may_well_be_in_is_taken() {
+    type Edit = fn(&mut RobotState);
+    let cases: [Edit; 5] = [
+        |_| (),
+        // Guided by hand beyond its limits, faster than it may move by itself; and a joint that turns on and on.
+        |s| (s.q_rad, s.dq_rad_s) = ([3.2, -2.1, 2.95, 0.1, 2.95, 4.7, -31.4], [9.0; 7]),
+        // Fingers that press against each other, and those of a wide hand.
+        |s| s.gripper_width_m = -0.0004,
+        |s| s.gripper_width_m = 0.14,
+        |s| (s.stream_ms, s.held, s.world_from_base) = (None, None, None),
+    ];
+    for edit in cases {
+        let mut state = whole_state();
+        edit(&mut state);
+        let text = serde_json::to_string(&state).unwrap().replacen('{', "{\"field_of_a_later_release\":[1e300],", 1);
+        let sent = Payload { encoding: "application/json;repose.RobotState.v1".to_owned(), bytes: text.into_bytes().into() };
+        assert_eq!(sent.decode_json::<RobotState>().unwrap(), state);
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::time::Duration;
 use repose_proto::load::{CameraLoad, WorkerLoad};
 use repose_proto::robot::RobotState;
 use repose_proto::{Cell, SceneSummary, Service, keys};
-use repose_runtime::{Lives, Sample, Session, Subscription, now_ns};
+use repose_runtime::{Lives, Sample, Session, Subscription, now_ns, read_robot_state};
 use tokio::time::Instant;
 
 use crate::failure::Failure;
@@ -185,7 +185,7 @@ impl CellListener {
                 }
                 sample = self.robots.recv() => {
                     let sample = sample.ok_or_else(closed)?;
-                    if let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json::<RobotState>()) {
+                    if let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), read_robot_state(&sample)) {
                         let stamp_ns = Some(state.stamp_ns);
                         hear(&mut heard.robots, robot.to_owned(), state, stamp_ns);
                     }

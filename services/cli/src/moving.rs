@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload};
-use repose_runtime::{Answer, CallOptions, Caller, CancellationToken, Session, call_moving, emergency_stop};
+use repose_runtime::{Answer, CallOptions, Caller, CancellationToken, Session, call_moving, emergency_stop, read_robot_state};
 use repose_sentences::robot::describe;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::{mpsc, watch};
@@ -115,7 +115,7 @@ async fn rest(session: &Session, robot: &str) -> Result<RobotState, CallError> {
     let mut states = session.subscribe_latest(&session.cell().robot_state(robot)).await?;
     loop {
         let sample = states.recv().await.ok_or_else(|| CallError::internal("the session has closed"))?;
-        let Ok(state) = sample.payload.decode_json::<RobotState>() else { continue };
+        let Ok(state) = read_robot_state(&sample) else { continue };
         let stands = state.dq_rad_s.iter().all(|v| v.abs() < STANDS_RAD_S);
         let over = state.mode == RobotMode::Stopped || state.mode == RobotMode::Idle && state.open_task().is_none();
         if stands && over {

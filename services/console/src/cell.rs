@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use repose_pictures::jpeg;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, Caller, SCENE_WITHIN, Sample, Session, Subscription, fetch_newest, fetch_scene};
+use repose_runtime::{CallOptions, Caller, SCENE_WITHIN, Sample, Session, Subscription, fetch_newest, fetch_scene, read_robot_state};
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
@@ -287,9 +287,8 @@ impl Shared {
             }
             for sample in newest.into_values() {
                 let Some(robot) = keys::worker_of(&sample.key) else { continue };
-                match sample.payload.decode_json::<RobotState>() {
-                    Ok(state) => self.saw_robot(robot, state),
-                    Err(error) => tracing::debug!(robot, %error, "a state that cannot be read"),
+                if let Ok(state) = read_robot_state(&sample) {
+                    self.saw_robot(robot, state);
                 }
             }
         }

@@ -11,7 +11,7 @@ use repose_proto::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 use repose_proto::motion::MotionPlan;
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, Scene, keys};
-use repose_runtime::{RuntimeError, Session};
+use repose_runtime::{RuntimeError, Session, read_robot_state};
 use tokio::task::JoinSet;
 
 use crate::execution::check_base;
@@ -68,7 +68,7 @@ impl Neighbours {
         let heard = told.clone();
         following.spawn(async move {
             while let Some(sample) = states.recv().await {
-                let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), sample.payload.decode_json::<RobotState>()) else { continue };
+                let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), read_robot_state(&sample)) else { continue };
                 let last = LastState { state, heard: Instant::now() };
                 keep(&mut heard.lock().unwrap_or_else(PoisonError::into_inner), robot, last, &world_from_base);
             }

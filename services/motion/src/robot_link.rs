@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPhase, MotionPlan, RobotResetReply, RobotResetRequest};
 use repose_proto::robot::{RobotCommand, RobotMode, RobotState, StopState};
 use repose_proto::{CallError, ErrorCode, Payload, keys};
-use repose_runtime::{Publisher, RuntimeError, Session, Subscription, Traffic};
+use repose_runtime::{Publisher, RuntimeError, Session, Subscription, Traffic, read_robot_state};
 use tokio::time::MissedTickBehavior;
 
 use crate::config::MotionConfig;
@@ -136,12 +136,9 @@ impl RobotLink {
                 }
             }
             steps = tokio::select! {
-                sample = states.recv() => match sample.map(|s| s.payload.decode_json::<RobotState>()) {
+                sample = states.recv() => match sample.as_ref().map(read_robot_state) {
                     Some(Ok(state)) => execution.on_state(&state, now_ms()),
-                    Some(Err(error)) => {
-                        tracing::warn!(robot, %error, "a state that cannot be read");
-                        Vec::new()
-                    }
+                    Some(Err(_)) => Vec::new(),
                     None => execution.abandon("the network closed"),
                 },
                 _ = ticks.tick() => execution.on_tick(now_ms()),
@@ -191,7 +188,7 @@ impl RobotLink {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
-                sample = states.recv() => match sample.map(|s| s.payload.decode_json::<RobotState>()) {
+                sample = states.recv() => match sample.as_ref().map(read_robot_state) {
                     Some(Ok(newer)) => state = newer,
                     Some(Err(_)) => {}
                     None => return Err(CallError::new(ErrorCode::Unavailable, "the network closed")),
@@ -236,7 +233,7 @@ impl RobotLink {
         let mut unread = None;
         let readable = async {
             loop {
-                match states.recv().await?.payload.decode_json::<RobotState>() {
+                match read_robot_state(&states.recv().await?) {
                     Ok(state) => return Some(state),
                     Err(error) => unread = Some(error),
                 }

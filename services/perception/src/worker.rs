@@ -4,9 +4,8 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::load::{CameraLoad, NewestSceneLoad};
-use repose_proto::robot::RobotState;
 use repose_proto::{CallError, Frame, Payload, RobotInView, Scene, SceneSummary, SceneWarning, keys};
-use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, Subscription};
+use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, Subscription, read_robot_state};
 use tokio::sync::Notify;
 use tokio::sync::futures::Notified;
 
@@ -57,12 +56,9 @@ impl CellRobots {
     fn read(&mut self) {
         while let Some(sample) = self.waiting.as_mut().and_then(Subscription::try_recv) {
             let Some(robot) = keys::worker_of(&sample.key) else { continue };
-            match sample.payload.decode_json::<RobotState>() {
-                Ok(state) => {
-                    self.states.put(robot, state);
-                    self.heard = Some(Instant::now());
-                }
-                Err(error) => tracing::debug!(robot, %error, "a robot's state could not be read"),
+            if let Ok(state) = read_robot_state(&sample) {
+                self.states.put(robot, state);
+                self.heard = Some(Instant::now());
             }
         }
     }

@@ -7,9 +7,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use lru::LruCache;
-use repose_proto::robot::RobotState;
 use repose_proto::{Frame, JournalEntry, JournalKind, Payload, PlaceResult, ReplyAttachment, ReplyKind, Scene, keys};
-use repose_runtime::Sample;
+use repose_runtime::{Sample, read_robot_state};
 use tokio::runtime::Handle;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout_at};
@@ -176,7 +175,7 @@ impl Writer {
                 let frame = sample.payload.decode_bulk(Frame::SCHEMA).and_then(|bulk| Frame::from_bulk(&bulk));
                 frame.and_then(|frame| looker.frame(&frame)).unwrap_or_default()
             }
-            "states" => match (keys::worker_of(&sample.key), sample.payload.decode_json::<RobotState>()) {
+            "states" => match (keys::worker_of(&sample.key), read_robot_state(sample)) {
                 (Some(robot), Ok(state)) => looker.robot(robot, &state),
                 _ => Vec::new(),
             },

@@ -1,17 +1,42 @@
 //! What every client that moves a robot does alike: hear its state, call with a token that says the caller is there, and stop it.
 
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use repose_proto::place::ReachingRobot;
 use repose_proto::robot::{EmergencyStop, PANDA_LIKE, RobotState};
-use repose_proto::{CallError, ErrorCode, Payload, limits};
+use repose_proto::{CallError, ErrorCode, Payload, keys, limits};
 
-use crate::{Answer, CallOptions, Caller, Session, Traffic};
+use crate::{Answer, CallOptions, Caller, Sample, Session, Traffic};
 
 /// Between two puts of an emergency stop.
 const REPEAT: Duration = Duration::from_millis(20);
 /// After so long another's emergency stop that a state shows will do: a robot's side may keep showing the first.
 const ANOTHERS: Duration = Duration::from_secs(1);
+/// Faults of robots' states that a process says: whoever may tell states may do so under any number of names.
+const FAULTS_SAID: usize = 256;
+
+/// The state that a robot's side has told: all that hear of robots read it here. One that cannot be read, or that no robot can be in, counts as if
+/// nothing had been told. That is said once for each robot and field, for states come up to a thousand times a second.
+///
+/// # Errors
+/// What is wrong with it, on the field at fault.
+pub fn read_robot_state(sample: &Sample) -> Result<RobotState, CallError> {
+    sample.payload.decode_json::<RobotState>().inspect_err(|error| {
+        let field = error.field.as_deref().unwrap_or_default();
+        if is_first_fault(&sample.key, field) {
+            let robot = keys::worker_of(&sample.key).unwrap_or_default();
+            tracing::warn!(robot, field, why = error.message, "what this robot tells of itself counts as nothing, which is said once");
+        }
+    })
+}
+
+fn is_first_fault(key: &str, field: &str) -> bool {
+    static SAID: Mutex<BTreeSet<(String, String)>> = Mutex::new(BTreeSet::new());
+    let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
+    said.len() < FAULTS_SAID && said.insert((key.to_owned(), field.to_owned()))
+}
 
 /// What a robot says of itself next that can be read.
 ///
@@ -22,7 +47,7 @@ pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Re
     let mut unread = None;
     let readable = async {
         loop {
-            match states.recv().await.ok_or_else(closed)?.payload.decode_json::<RobotState>() {
+            match read_robot_state(&states.recv().await.ok_or_else(closed)?) {
                 Ok(state) => return Ok::<_, CallError>(state),
                 Err(error) => unread = Some(error),
             }
@@ -93,7 +118,7 @@ pub async fn emergency_stop(session: &Session, robot: &str, source: &str, reason
             _ = again.tick() => session.put(&key, wanted.clone(), Traffic::EmergencyStop).await?,
             sample = states.recv() => {
                 // What cannot be read shows nothing.
-                let Ok(state) = sample.ok_or_else(closed)?.payload.decode_json::<RobotState>() else { continue };
+                let Ok(state) = read_robot_state(&sample.ok_or_else(closed)?) else { continue };
                 let shown = state.stop.as_ref().and_then(|stop| stop.estop_id.as_ref());
                 if shown == Some(&id) || (shown.is_some() && began.elapsed() > ANOTHERS) {
                     return Ok(state);
@@ -175,6 +200,28 @@ mod tests {
         let refused = robot_state(&session, "panda", 25 * REPEAT).await.expect_err("nobody can read it");
         telling.abort();
         assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::Unavailable, Some("robot")), "{refused}");
+    }
+
+    #[test]
+    fn a_state_that_no_robot_can_be_in_counts_as_none_and_is_said_once() {
+        let still = [0.0; 7];
+        let state = |width_m: f64| {
+            let state = serde_json::json!({
+                "v": 1, "seq": 0, "stamp_ns": 0, "robot_ms": 0.0, "q_rad": still, "dq_rad_s": still, "gripper_width_m": width_m,
+                "gripper_settled": true, "gripper_holding": false, "mode": "idle"
+            });
+            let encoding = "application/json;repose.RobotState.v1".to_owned();
+            let payload = Payload { encoding, bytes: state.to_string().into_bytes().into() };
+            Sample { key: "repose/v1/cell/robot/in-millimetres/state".to_owned(), payload }
+        };
+        assert_eq!(read_robot_state(&state(0.08)).expect("a state").gripper_width_m, 0.08);
+        for _ in 0..3 {
+            let refused = read_robot_state(&state(80.0)).expect_err("no hand opens so far");
+            assert_eq!(refused.field.as_deref(), Some("gripper_width_m"), "{refused}");
+        }
+        let key = state(80.0).key;
+        assert!(!is_first_fault(&key, "gripper_width_m"), "that is said already");
+        assert!(is_first_fault(&key, "q_rad[1]") && is_first_fault("repose/v1/cell/robot/another/state", "gripper_width_m"));
     }
 
     #[tokio::test(flavor = "multi_thread")]
