@@ -7,7 +7,9 @@ use clap::Args;
 use repose_proto::motion::KeepOutZone;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, RuntimeConfig, RuntimeError, Session, SessionMode, endpoint_fault, fetch_newest, fetch_scene};
+use repose_runtime::{
+    CallOptions, RuntimeConfig, RuntimeError, STATE_WITHIN, Session, SessionMode, endpoint_fault, fetch_newest, fetch_scene,
+};
 use tokio::time::Instant;
 
 use crate::cell_survey::{listed, names};
@@ -18,8 +20,6 @@ pub const ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
 /// How long somebody who is not there is waited for, before it is said who is: services tell of themselves five times a second.
 pub const PATIENCE: Duration = Duration::from_millis(600);
-/// How long nothing at all may be heard of any robot of a cell that lives: a machine that has too much to do is late by seconds.
-const STARVED: Duration = Duration::from_secs(10);
 /// The most that one of several calls for a scene may take.
 const ONE_CALL: Duration = Duration::from_secs(5);
 
@@ -154,7 +154,7 @@ pub async fn close(session: Session) {
 /// That nothing at all is heard within [`PATIENCE`] says little: on a busy machine the robot may be late. Others that are heard, or a cell in which
 /// nobody is alive, say that the name is wrong.
 pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Result<RobotState, Failure> {
-    let give_up = Instant::now() + within.min(STARVED);
+    let give_up = Instant::now() + within.min(STATE_WITHIN);
     loop {
         let wait = give_up.saturating_duration_since(Instant::now()).min(PATIENCE);
         match repose_runtime::robot_state(session, robot, wait).await {

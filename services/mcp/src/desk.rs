@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service};
-use repose_runtime::{CallOptions, Caller, SceneStore, Session, fetch_newest, fetch_scene, robot_state};
+use repose_runtime::{CallOptions, Caller, STATE_WITHIN, SceneStore, Session, fetch_newest, fetch_scene, robot_state};
 use tokio::time::Instant;
 
 use crate::McpError;
@@ -17,8 +17,8 @@ use crate::settings::McpSettings;
 /// Scenes held for agents that name them, and their bytes.
 const SCENES: usize = 16;
 const SCENES_BYTES: usize = 512 << 20;
-/// How long a robot is waited for that should tell its state several times in that.
-const PATIENCE: Duration = Duration::from_millis(1000);
+/// How long a robot is waited for in a cell without motion: nobody could have it carry anything out there, and there may well be none.
+const WITHOUT_MOTION: Duration = Duration::from_secs(1);
 /// Between two looks for a newer view.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
@@ -123,13 +123,15 @@ impl Desk {
     ///
     /// # Errors
     /// `unavailable` on `robot` when it does not say.
-    pub(crate) async fn robot_state(&self) -> Result<RobotState, CallError> {
-        robot_state(&self.session, &self.settings.robot, PATIENCE).await
+    pub(crate) async fn robot_state(&self, deadline: Instant) -> Result<RobotState, CallError> {
+        let patience = if self.motion.workers().is_empty() { WITHOUT_MOTION } else { STATE_WITHIN };
+        let within = patience.min(deadline.saturating_duration_since(Instant::now()));
+        robot_state(&self.session, &self.settings.robot, within).await
     }
 
     /// A view from now on, by the robot's clock, which is its cameras': this host's may be behind theirs.
     pub(crate) async fn fresh(&self, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
-        let state = self.robot_state().await?;
+        let state = self.robot_state(deadline).await?;
         self.view_after(state.stamp_ns, deadline).await
     }
 

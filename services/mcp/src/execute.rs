@@ -93,7 +93,7 @@ impl Desk {
 
     /// A motion that carries a plan out, from where the arm stands and on a fresh view, and which object is which in that view.
     async fn prepared(&self, plan: &Arc<Plan>, deadline: Instant) -> Result<(Followed, MotionPlan), CallError> {
-        let state = self.robot_state().await?;
+        let state = self.robot_state(deadline).await?;
         check_free(&self.settings().robot, &state)?;
         let (seen, followed) = self.unchanged(plan, deadline).await?;
         let request = self.motion_request(plan, &followed, &seen, &state)?;

@@ -90,7 +90,7 @@ impl Desk {
             let (seen, asked) = (seen.clone(), asked.clone());
             computed(move || wish_of(&asked, &seen)).await?
         };
-        let state = self.robot_state().await;
+        let state = self.robot_state(deadline).await;
         let request = self.request(asked, &seen, &wish, state.as_ref().ok());
         request.validate()?;
         let (result, _) = self.planner.place(&request, Some(&seen.scene), CallOptions::default().until(deadline)).await?;

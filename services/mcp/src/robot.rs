@@ -42,7 +42,7 @@ impl Desk {
     /// # Errors
     /// `unavailable` on `robot` when it does not say.
     pub async fn state(&self, _: &StateArguments) -> Result<ToolResult, CallError> {
-        let state = self.robot_state().await?;
+        let state = self.robot_state(self.deadline()).await?;
         self.told(&state)
     }
 

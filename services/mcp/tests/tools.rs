@@ -145,6 +145,19 @@ async fn nothing_is_carried_out_where_it_is_not_allowed_and_a_stop_always_is() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_robot_whose_state_is_late_is_waited_for() {
+    let cell = start(false).await;
+    cell.world.is_mute.store(true, Ordering::SeqCst);
+    let late = async {
+        // As on a machine that has too much to do.
+        tokio::time::sleep(Duration::from_secs(2)).await;
+        cell.world.is_mute.store(false, Ordering::SeqCst);
+    };
+    let (told, ()) = tokio::join!(ask(&cell, "state", json!({})), late);
+    assert_eq!(told.expect("a state").data["mode"], json!("idle"));
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_plan_of_this_session_is_carried_out_once_and_no_other_is() {
     let cell = start(true).await;
     let plan = planned(&cell).await;

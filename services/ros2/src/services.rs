@@ -7,7 +7,7 @@ use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPla
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_ros_messages as ros;
-use repose_runtime::{CallOptions, Caller, Session, call_moving, emergency_stop, fetch_newest, reaching_robot, robot_state};
+use repose_runtime::{CallOptions, Caller, STATE_WITHIN, Session, call_moving, emergency_stop, fetch_newest, reaching_robot, robot_state};
 
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
@@ -21,8 +21,6 @@ use crate::wire::names::Qos;
 const COUNT: u32 = 5;
 /// How long a stop is repeated for a robot to show it.
 const STOP: Duration = Duration::from_secs(3);
-/// How long a robot may take to show its state.
-const STATE: Duration = Duration::from_secs(2);
 /// How long an execution may take.
 const EXECUTION: Duration = Duration::from_secs(300);
 
@@ -204,7 +202,7 @@ impl Desk {
         let summary = fetch_newest(&self.perception, camera, &CallOptions::within(self.deadline())).await?;
         let scene = whole(&self.perception, &summary.scene_id).await?;
         let robot = match self.config.robots.first() {
-            Some(robot) => Some((robot.clone(), robot_state(&self.session, &robot.name, STATE).await?)),
+            Some(robot) => Some((robot.clone(), robot_state(&self.session, &robot.name, STATE_WITHIN.min(self.deadline())).await?)),
             None => None,
         };
         let reach = robot.as_ref().and_then(|(robot, state)| reaching_robot(&robot.name, state));

@@ -39,6 +39,8 @@ pub struct World {
     pub takes_ms: AtomicU64,
     /// Whether perception holds no scene that it has told of.
     pub holds_none: AtomicBool,
+    /// Whether the robot tells no state.
+    pub is_mute: AtomicBool,
 }
 
 impl World {
@@ -232,6 +234,9 @@ async fn robot(session: &Session, world: Arc<World>) {
                     let stop = StopState { kind: "estop".to_owned(), reason, estop_id: Some(id) };
                     *world.stop.lock().expect("the stop") = Some(stop);
                 }
+            }
+            if world.is_mute.load(Ordering::SeqCst) {
+                continue;
             }
             if states.put(Payload::json(&world.state(seq)).expect("encoded")).await.is_err() {
                 return;

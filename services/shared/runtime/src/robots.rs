@@ -38,6 +38,10 @@ fn is_first_fault(key: &str, field: &str) -> bool {
     said.len() < FAULTS_SAID && said.insert((key.to_owned(), field.to_owned()))
 }
 
+/// How long a robot may take to tell its state where nothing says that it is not there. States come twenty times a second or more often, but on a machine
+/// that has too much to do they are late by seconds, and whoever gave up sooner would say that there is no robot.
+pub const STATE_WITHIN: Duration = Duration::from_secs(10);
+
 /// What a robot says of itself next that can be read.
 ///
 /// # Errors
