@@ -63,6 +63,20 @@ fn foreign_world_tests() {
 }
 
 #[test]
+fn what_packages_are_built_with_is_linted_before_a_change_lands() {
+    let read = |path: &str| std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"));
+    let manifest: toml::Table = read("services/cli/Cargo.toml").parse().expect("TOML");
+    let features = manifest["package"]["metadata"]["deb"]["features"].as_array().expect("a list").iter().filter_map(toml::Value::as_str);
+    let (features, checks) = (features.collect::<Vec<_>>(), read(".ci/run"));
+    assert!(!features.is_empty());
+    for (feature, command) in features.iter().flat_map(|feature| ["cargo clippy ", "cargo doc "].map(|command| (feature, command))) {
+        let option = format!(" --features repose-cli/{feature}");
+        let has_it = |line: &str| line.starts_with("step ") && line.contains(command) && line.contains(&option);
+        assert!(checks.lines().any(has_it), "no step with {command}compiles {feature}");
+    }
+}
+
+#[test]
 fn every_script_of_tests_is_named_here_and_run_before_a_change_lands() {
     let read = |path: &str| std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"));
     let (here, checks) = (read("tests/scripts.rs"), read(".ci/run"));
