@@ -8,6 +8,7 @@
 
 pub mod contradiction;
 mod dead_end;
+mod follow;
 pub mod goals;
 pub mod parking;
 mod places;

@@ -51,7 +51,7 @@ impl State {
 type WithoutRoom = (u16, Vec<GoalTerm>);
 
 /// How an object can be settled.
-enum Settling {
+pub(super) enum Settling {
     /// Where it stands.
     Stays,
     /// By one of these moves, best first.
@@ -173,6 +173,9 @@ impl<'a> Search<'a> {
         if self.uncovering.is_some() {
             return Ok(None);
         }
+        if self.followed(state)? {
+            return Ok(Some(std::mem::take(&mut self.path)));
+        }
         let fewest = state.unsettled.len();
         // An object set down aside costs a move, and one that stood where it should and made room another.
         for more in 0..=2 * self.places.request().max_parkings as usize {
@@ -193,7 +196,7 @@ impl<'a> Search<'a> {
         for _ in 0..=start.unsettled.len() {
             self.path.clear();
             let before = self.order(start);
-            let stuck = self.left_after_straight(start.clone(), false)?.unsettled;
+            let stuck = self.left_after_straight(start.clone(), |_, _| Ok(None))?.unsettled;
             if stuck.is_empty() || self.places.ended().is_some() {
                 return Ok(stuck.is_empty());
             }
@@ -207,8 +210,13 @@ impl<'a> Search<'a> {
         Ok(false)
     }
 
-    /// Settles one object after the other, each as well as can be, and sets aside what covers tops where that is wanted; what is left over.
-    pub(super) fn left_after_straight(&mut self, mut state: State, uncovers: bool) -> Result<State, CallError> {
+    /// Settles one object after the other, each as well as can be; where none can be it sets aside what stands on those that must move, or does what else
+    /// it may. What is left over.
+    pub(super) fn left_after_straight(
+        &mut self,
+        mut state: State,
+        or_else: fn(&mut Self, &State) -> Result<Option<(ArrangeMove, State)>, CallError>,
+    ) -> Result<State, CallError> {
         loop {
             self.keep_if_best(&state);
             let mut next = None;
@@ -216,14 +224,7 @@ impl<'a> Search<'a> {
                 let others = state.others(object);
                 match self.settling(&state, object, &others)? {
                     Settling::Stays => next = Some((None, State { scene: state.scene.clone(), unsettled: others })),
-                    Settling::Moves(moves) => {
-                        for step in moves {
-                            if let Some(after) = self.after(&state, &step, &others)? {
-                                next = Some((Some(step), after));
-                                break;
-                            }
-                        }
-                    }
+                    Settling::Moves(moves) => next = self.first_of(&state, moves, &others)?.map(|(step, after)| (Some(step), after)),
                     Settling::Waits => {}
                 }
                 if next.is_some() {
@@ -231,9 +232,9 @@ impl<'a> Search<'a> {
                 }
             }
             if next.is_none() && !state.unsettled.is_empty() {
-                let mut in_the_way = standing_on_unsettled(&state);
-                in_the_way.extend(uncovers.then(|| self.covering(&state)).into_iter().flatten());
-                next = self.cleared(&state, &in_the_way)?.map(|(step, after)| (Some(step), after));
+                let cleared = self.cleared(&state, &standing_on_unsettled(&state))?;
+                let found = if cleared.is_some() { cleared } else { or_else(self, &state)? };
+                next = found.map(|(step, after)| (Some(step), after));
             }
             let Some((step, after)) = next else { return Ok(state) };
             self.path.extend(step);
@@ -300,7 +301,7 @@ impl<'a> Search<'a> {
     }
 
     /// How an object can be settled while the others are not.
-    fn settling(&mut self, state: &State, object: u16, others: &BTreeSet<u16>) -> Result<Settling, CallError> {
+    pub(super) fn settling(&mut self, state: &State, object: u16, others: &BTreeSet<u16>) -> Result<Settling, CallError> {
         let terms = self.goals.of(object, others);
         // Whatever it carries may stay on it.
         if self.stays(state, object, &terms) {
@@ -333,7 +334,7 @@ impl<'a> Search<'a> {
     }
 
     /// The table after a move; none where the object would stand on something that must move yet, or on what stands there, and be in the way.
-    fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
+    pub(super) fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
         if !self.places.allows_tables(self.tables.prepared())? {
             return Ok(None);
         }
@@ -377,7 +378,7 @@ impl<'a> Search<'a> {
     }
 
     /// Sets one of these objects aside: no order spares that where they stand on something that must move. None where no place is found for any.
-    fn cleared(&mut self, state: &State, in_the_way: &[u16]) -> Result<Option<(ArrangeMove, State)>, CallError> {
+    pub(super) fn cleared(&mut self, state: &State, in_the_way: &[u16]) -> Result<Option<(ArrangeMove, State)>, CallError> {
         let aside = self.path.iter().filter(|step| step.purpose == Purpose::Aside).count();
         if aside >= self.places.request().max_parkings as usize {
             return Ok(None);

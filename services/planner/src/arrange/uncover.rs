@@ -1,6 +1,7 @@
 //! Tops that other objects cover: most of such a top the view may not show, and then nothing can be placed there in any order. What covers it is
 //! set aside; where the top is known well enough the plan goes on, and where it is not, it ends with that a view is needed.
 
+use repose_proto::arrange::ArrangeMove;
 use repose_proto::{CallError, Relation};
 
 use crate::arrange::search::{Part, Search, State};
@@ -14,7 +15,7 @@ impl Search<'_> {
             return Ok(false);
         }
         self.path.clear();
-        let left = self.left_after_straight(start.clone(), true)?;
+        let left = self.left_after_straight(start.clone(), Self::covering_cleared)?;
         if left.unsettled.is_empty() {
             return Ok(true);
         }
@@ -28,8 +29,14 @@ impl Search<'_> {
         Ok(false)
     }
 
+    /// Sets something aside that covers a top that others must go to. None where nothing does or no place is found for it.
+    fn covering_cleared(&mut self, state: &State) -> Result<Option<(ArrangeMove, State)>, CallError> {
+        let covering = self.covering(state);
+        self.cleared(state, &covering)
+    }
+
     /// What stands on tops that others must go to, and carries nothing itself.
-    pub(super) fn covering(&self, state: &State) -> Vec<u16> {
+    fn covering(&self, state: &State) -> Vec<u16> {
         let belief = &state.scene.belief;
         bare_above(self.tops(state), |id| belief.carried(id))
     }

@@ -170,6 +170,18 @@ fn of_objects_that_wait_for_each_other_the_one_that_carries_something_stays() {
 }
 
 #[test]
+fn what_stands_right_by_an_object_that_must_go_far_away_follows_it() {
+    // 3 is near 2, which must go near 1: no place is near both.
+    let scene = SceneBuilder::table().object(1, [0.1, 0.0], SMALL).object(2, [-0.35, -0.1], SMALL).object(3, [-0.26, -0.1], SMALL).scene();
+    for max_parkings in [0, 1] {
+        let result = arranged_with(&scene, &[(2, &["right_of:1", "near:1"]), (3, &["near:2"])], max_parkings);
+        let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
+        assert_eq!((result.outcome, moves.as_slice()), (Outcome::Found, [(2, Purpose::Goal), (3, Purpose::Goal)].as_slice()), "{result:?}");
+        assert!(result.satisfied.is_empty() && hold_at_the_end(&scene, &result), "{result:?}");
+    }
+}
+
+#[test]
 fn objects_that_stand_where_the_other_must_go_change_places() {
     // Beside the block there is room for one at each side, with a post at its end, and before the block for one more.
     let scene = SceneBuilder::table_within([-0.215, -0.4, 0.215, 0.13])
