@@ -67,7 +67,7 @@ pub fn obstruction(
             if !touched.contains(&first.object) || runs.any(|run| !touched.contains(&run.object)) {
                 in_way.add(cell, settings);
             } else {
-                in_way.colliding += usize::from(cell.inside_m >= settings.touch_m);
+                in_way.add_touched(cell, settings);
             }
         });
         deepest = deepest.max(in_way.deep);
@@ -115,6 +115,13 @@ impl InWay {
         } else {
             self.near[(((-inside_m).max(0.0) / BIN_M) as usize).min(BINS - 1)] += 1;
         }
+    }
+
+    /// Only something that may be touched fills it: that deep it is no touch, and nothing stray.
+    fn add_touched(&mut self, cell: &OutlineCell, settings: &ClearanceSettings) {
+        let is_deep = usize::from(cell.inside_m >= settings.touch_m);
+        self.colliding += is_deep;
+        self.deep += is_deep;
     }
 }
 
@@ -164,14 +171,15 @@ mod tests {
         let prepared = SceneBuilder::table().object(1, [0.0, 0.1], [0.02, 0.02, 0.06]).object(2, [-0.3, -0.2], [0.3, 0.2, 0.05]).prepared();
         let fixed = Fixed::default();
         let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
-        let judge = |x: f32| {
-            obstruction(&prepared, &query, &standing_at(&query, x, 0.19, 0.001), &[], &fixed.clearance, &fixed.support).colliding_share
+        let judge = |x: f32, touched: &[u16]| {
+            obstruction(&prepared, &query, &standing_at(&query, x, 0.19, 0.001), touched, &fixed.clearance, &fixed.support).colliding_share
         };
-        let colliding = (0..12).map(|k| judge(0.13 + 0.005 * k as f32)).collect::<Vec<_>>();
+        let colliding = (0..12).map(|k| judge(0.13 + 0.005 * k as f32, &[])).collect::<Vec<_>>();
         assert!(colliding[0] > 0.0 && colliding[11] == 0.0, "{colliding:?}");
         let last = colliding.iter().rposition(|share| *share > 0.0).unwrap();
         // Its outline ends 15 cm from its middle, and the block 1 cm from its own.
         assert!(last >= 4, "it is free from {} mm into the block on: {colliding:?}", 30 - 5 * last);
+        assert!(judge(0.13, &[1]) > 0.0 && judge(0.185, &[1]) == 0.0, "what it is to touch may not stand inside of it either");
     }
 
     #[test]
