@@ -14,7 +14,7 @@ use crate::answers::distinct::distinct;
 use crate::answers::ranked::rank;
 use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
-use crate::search::findings::{Findings, cheapest};
+use crate::search::findings::Findings;
 use crate::search::ranking::{fill, keep_apart};
 use crate::search::stop::{StopReason, in_time};
 use crate::settings::Realism;
@@ -69,10 +69,12 @@ impl Answers {
             }
         }
         if stopped.is_some() {
-            // Time ended before the networks ranked: they were asked about a few candidates at most, and may doubt the best of them.
-            let believed = findings.heard.iter().filter(|j| j.believed(settings) && apart(j));
-            let chosen = cheapest(believed).cloned().into_iter().collect();
-            return Ok(Self { chosen, passed: Passed { all: passed(findings, &[]), unasked: 0 } });
+            // Time ended before the networks had ranked: the answers are of those that they were asked about until then, and believe in.
+            let believed: Vec<JudgedCandidate> = findings.heard.iter().filter(|j| j.believed(settings) && apart(j)).cloned().collect();
+            let chosen = distinct(&believed);
+            let mut unasked = findings.accepted.clone();
+            keep_apart(&mut unasked, &chosen, settings.min_separation_m);
+            return Ok(Self { chosen, passed: Passed { all: passed(findings, &[]), unasked: unasked.len() as u64 } });
         }
         let mut chosen = distinct(&findings.accepted);
         let rejected = |findings: &Findings| findings.rejections.values().sum::<u64>();

@@ -36,10 +36,10 @@ struct Listed {
 
 /// Puts the shortlist of the accepted candidates to the networks as far as it matters, and costs it anew. Candidates below the realism threshold are
 /// rejected, and answers come from those asked about alone. Returns the other accepted candidates. `control` is asked before each question; where it
-/// stops that, nothing has changed.
+/// stops that, nothing has changed but that those that the networks believe in are among the heard.
 ///
 /// # Errors
-/// What the networks answer; nothing has changed then.
+/// What the networks answer; no more has changed then.
 pub fn rank(
     judge: &mut Judge<'_>,
     findings: &mut Findings,
@@ -71,7 +71,7 @@ pub fn rank(
         if let Some(stop) = control() {
             return Ok(ControlFlow::Break(stop));
         }
-        ask(judge, &mut list, turn, &mut doubted)?;
+        findings.heard.extend(ask(judge, &mut list, turn, &mut doubted)?);
     }
     doubted.sort_by_key(|l| l.place);
     let believed: Vec<JudgedCandidate> = list.iter().filter(|l| l.known == Known::Asked).map(|l| l.judged.clone()).collect();
@@ -147,15 +147,21 @@ fn bound(judge: &mut Judge<'_>, listed: &mut Listed) -> Result<(), CallError> {
     Ok(())
 }
 
-/// Asks the networks about some; those that they doubt leave the list.
-fn ask(judge: &mut Judge<'_>, list: &mut Vec<Listed>, mut turn: Vec<usize>, doubted: &mut Vec<Listed>) -> Result<(), CallError> {
+/// Asks the networks about some, and returns those that they believe in; those that they doubt leave the list.
+fn ask(
+    judge: &mut Judge<'_>,
+    list: &mut Vec<Listed>,
+    mut turn: Vec<usize>,
+    doubted: &mut Vec<Listed>,
+) -> Result<Vec<JudgedCandidate>, CallError> {
     turn.sort_unstable();
     let judged = believed(judge, turn.iter().map(|i| list[*i].judged.clone()).collect())?;
+    let heard = judged.iter().filter(|j| j.feasible()).cloned().collect();
     for (i, judged) in turn.into_iter().zip(judged) {
         (list[i].judged, list[i].known) = (judged, Known::Asked);
     }
     doubted.extend(list.extract_if(.., |l| !l.judged.feasible()));
-    Ok(())
+    Ok(heard)
 }
 
 #[cfg(test)]
@@ -169,8 +175,10 @@ mod tests {
     use crate::answers::Answers;
     use crate::judge::judged::JudgedCandidate;
     use crate::learned::success;
+    use crate::search::ranking::are_apart;
     use crate::search::search;
     use crate::search::source::CandidateSource;
+    use crate::search::stop::StopReason;
     use crate::settings::PlanSettings;
     use crate::tests::fake::{BESIDE, Fake, judging, judging_with, scene, stepped};
 
@@ -207,6 +215,37 @@ mod tests {
         assert!(chosen(f64::INFINITY).is_empty(), "the search settles where it is doubted");
         let answer = &chosen(0.05)[0];
         assert!(answer.success.unwrap() > 0.8, "{answer:?}");
+    }
+
+    #[test]
+    fn what_was_believed_before_time_ended_is_answered_and_what_was_not_asked_about_is_not_too_close() {
+        let goal = vec!["right_of:1".parse().unwrap()];
+        let request = PlaceRequest { count: 16, min_separation_m: Some(0.25), ..PlaceRequest::new(scene().scene_id.clone(), 2, goal) };
+        // The most that may be said of a place is more than is said of any, so that all of the shortlist are asked about.
+        let mut fake = Fake::new(&[BESIDE]);
+        fake.success = Some(stepped(&success::names(), "stays", 2.0, [0.6, 0.9]));
+        let mut settings = PlanSettings::of(&request);
+        settings.fixed.ranking.asked_at_once = 1;
+        judging_with(&fake, &request, &settings, |judge| {
+            let mut rng = Pcg64::seed_from_u64(request.seed);
+            let source = CandidateSource::new(judge, &mut rng).unwrap();
+            let (mut findings, mut stopped) = search(judge, source, &mut rng, &mut |_| ControlFlow::Continue(())).unwrap();
+            // As if the best after each iteration had been doubted.
+            findings.heard.clear();
+            let mut questions = 0;
+            let mut control = || {
+                questions += 1;
+                (questions > 1).then_some(StopReason::Deadline)
+            };
+            let answers = Answers::choose(judge, &mut findings, &|_| true, &mut stopped, &mut control).unwrap();
+            let (chosen, sep_m) = (&answers.chosen, settings.min_separation_m);
+            assert!(stopped == Some(StopReason::Deadline) && !chosen.is_empty() && chosen.len() < 16, "{chosen:?}");
+            assert!(chosen.iter().all(|j| j.realism.is_some() && j.success.is_some()), "{chosen:?}");
+            let is_close = |j: &&JudgedCandidate| chosen.iter().any(|c| !are_apart(&c.candidate, &j.candidate, sep_m));
+            let close = findings.accepted.iter().filter(is_close).count() - chosen.len();
+            let shortfall = answers.passed.shortfall(chosen.len(), request.count, true).unwrap();
+            assert_eq!((shortfall.passed, shortfall.too_close), (findings.accepted.len() as u64, close as u64));
+        });
     }
 
     #[test]

@@ -65,7 +65,7 @@ pub struct Findings {
     pub iterations: u32,
     /// Candidates drawn.
     pub evaluated: u64,
-    /// Where networks only rank: the candidates that they were asked about after iterations.
+    /// Where networks only rank: the candidates that they were asked about after iterations, and those of the ranking that they believe in.
     pub heard: Vec<JudgedCandidate>,
 }
 
