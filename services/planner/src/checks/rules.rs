@@ -88,9 +88,12 @@ impl Rules {
         self.anchors.get(&id)
     }
 
-    /// What the query spans for the viewer where it was observed.
-    pub fn query_extents(&self) -> &ViewerExtents {
-        &self.query.extents
+    /// What the query spans for the viewer where it was observed, turned about its centroid.
+    pub fn query_extents(&self, yaw_rad: f64) -> ViewerExtents {
+        if yaw_rad == 0.0 {
+            return self.query.extents;
+        }
+        self.placed_extents(&CandidatePose::new(&self.query.shape.centroid, yaw_rad))
     }
 
     /// The turn that aligns the query with an anchor, modulo a quarter turn, radians; none if either has no orientation.

@@ -11,6 +11,7 @@ use rand_pcg::Pcg64;
 use repose_geometry::transform::wrap_angle;
 use repose_proto::place::{RegionBox, Rotation};
 use repose_proto::{GoalTerm, Relation, limits};
+use repose_relations::ViewerExtents;
 
 use crate::checks::rules::{RuleObject, Rules};
 use crate::scene::candidate::CandidatePose;
@@ -73,13 +74,18 @@ impl Proposer<'_> {
         let term = positive.get(index as usize % positive.len().max(1)).filter(|_| !anywhere);
         let anchored = term.and_then(|term| Some((term, self.rules.anchor(term.anchor)?)));
         let axis_offset = self.query.shape.axis_offset();
-        let ((place, offset), mut yaw_rad) = match anchored {
-            Some((term, anchor)) => ((self.beside(term, anchor, rng), axis_offset), self.yaw(term, rng)),
-            None => (self.anywhere(rng), self.any_yaw(rng)),
+        // How wide the query is beside an anchor is known once its turn is.
+        let turned = |yaw_rad: f64| if self.rotation == Rotation::Fixed { 0.0 } else { yaw_rad };
+        let (place, offset, yaw_rad) = match anchored {
+            Some((term, anchor)) => {
+                let (spot, yaw_rad) = (self.spot(term, anchor, rng), turned(self.yaw(term, rng)));
+                (self.place_of(&spot, anchor, yaw_rad), axis_offset, yaw_rad)
+            }
+            None => {
+                let ((place, offset), yaw_rad) = (self.anywhere(rng), turned(self.any_yaw(rng)));
+                (place, offset, yaw_rad)
+            }
         };
-        if self.rotation == Rotation::Fixed {
-            yaw_rad = 0.0;
-        }
         let low_m = self.rules.terms().iter().find(|t| t.holds).and_then(|t| self.rules.anchor(t.anchor)).map_or(0.0, |a| a.shape.bottom_m);
         let turn = nalgebra::Rotation2::new(yaw_rad as f32);
         let axis = place + turn * (axis_offset - offset);
@@ -89,57 +95,49 @@ impl Proposer<'_> {
         Proposal { drawn: CandidatePose::new(&centroid.cast(), yaw_rad), ceiling_m }
     }
 
-    /// Where the axis goes so that a term may hold.
-    fn beside(&self, term: &GoalTerm, anchor: &RuleObject, rng: &mut Pcg64) -> Point2<f32> {
-        let (a, q) = (&anchor.extents, self.rules.query_extents());
-        let (half_anchor, half_query) = ((a.high - a.low).xy() / 2.0, (q.high - q.low).xy() / 2.0);
-        let in_viewer = match term.relation {
-            Relation::LeftOf => self.along(0, -1.0, &half_anchor, &half_query, rng),
-            Relation::RightOf => self.along(0, 1.0, &half_anchor, &half_query, rng),
-            Relation::InFrontOf => self.along(1, -1.0, &half_anchor, &half_query, rng),
-            Relation::Behind => self.along(1, 1.0, &half_anchor, &half_query, rng),
+    /// A spot for the axis where a term may hold.
+    fn spot(&self, term: &GoalTerm, anchor: &RuleObject, rng: &mut Pcg64) -> Spot {
+        let half_anchor = half_span(&anchor.extents);
+        match term.relation {
+            Relation::LeftOf => self.along(0, -1.0, rng),
+            Relation::RightOf => self.along(0, 1.0, rng),
+            Relation::InFrontOf => self.along(1, -1.0, rng),
+            Relation::Behind => self.along(1, 1.0, rng),
             Relation::Above => {
                 // Every fifth exactly on the middle, where a stack is best.
                 let spread = if rng.random_range(0.0..1.0) < 0.2 { 0.0 } else { 0.5 };
-                half_anchor.map(|h| spread * h * normal(rng))
+                Spot::Over(half_anchor.map(|h| spread * h * normal(rng)))
             }
-            Relation::Below => (half_anchor + Vector2::repeat(0.15)).map(|h| h * rng.random_range(-1.0..1.0)),
-            Relation::Near => self.around(rng.random_range(0.003..0.05), &half_anchor, &half_query, rng),
-            Relation::Touching if rng.random_range(0.0..1.0) < 0.5 => half_anchor.map(|h| 0.4 * h * normal(rng)),
-            Relation::Touching => self.around(rng.random_range(0.0..0.002), &half_anchor, &half_query, rng),
-            Relation::Centered => Vector2::zeros(),
-            Relation::Aligned => self.around(rng.random_range(0.01..self.settings.reach_m), &half_anchor, &half_query, rng),
-        };
-        let offset = self.rules.viewer().world_from_viewer() * in_viewer.push(0.0);
-        let center = self.rules.viewer().world_from_viewer() * a.center;
-        Point2::from((center.coords + offset).xy().cast::<f32>())
+            Relation::Below => Spot::Over((half_anchor + Vector2::repeat(0.15)).map(|h| h * rng.random_range(-1.0..1.0))),
+            Relation::Near => Self::around(rng.random_range(0.003..0.05), rng),
+            Relation::Touching if rng.random_range(0.0..1.0) < 0.5 => Spot::Over(half_anchor.map(|h| 0.4 * h * normal(rng))),
+            Relation::Touching => Self::around(rng.random_range(0.0..0.002), rng),
+            Relation::Centered => Spot::Over(Vector2::zeros()),
+            Relation::Aligned => Self::around(rng.random_range(0.01..self.settings.reach_m), rng),
+        }
     }
 
     /// Along an axis of the viewer, beyond the anchor's face by a gap, within 45° sideways.
-    fn along(&self, axis: usize, sign: f64, anchor: &Vector2<f64>, query: &Vector2<f64>, rng: &mut Pcg64) -> Vector2<f64> {
+    fn along(&self, axis: usize, sign: f64, rng: &mut Pcg64) -> Spot {
         // The square of a uniform number: more of them close by.
         let u: f64 = rng.random_range(0.0..1.0);
-        let gap_m = self.settings.reach_m * u * u;
-        // Far enough that the query's near side lies beyond the anchor's middle, and its own middle beyond the anchor's face.
-        let distance_m = (anchor[axis] + query[axis] + gap_m).max(anchor[axis] + 0.005);
-        let sideways_m = (distance_m - anchor[axis] + anchor[1 - axis]) * 0.95;
-        let mut offset = Vector2::zeros();
-        offset[axis] = sign * distance_m;
         // A triangular distribution: the term holds by most straight beside the anchor.
-        offset[1 - axis] = sideways_m * (rng.random_range(-0.5..0.5) + rng.random_range(-0.5..0.5));
-        offset
+        let aside: f64 = rng.random_range(-0.5..0.5) + rng.random_range(-0.5..0.5);
+        Spot::Along { axis, sign, gap_m: self.settings.reach_m * u * u, aside }
     }
 
     /// In any direction around the anchor's box, a gap away from it.
-    fn around(&self, gap_m: f64, anchor: &Vector2<f64>, query: &Vector2<f64>, rng: &mut Pcg64) -> Vector2<f64> {
-        let reach = anchor + query + Vector2::repeat(gap_m);
+    fn around(gap_m: f64, rng: &mut Pcg64) -> Spot {
         let along = rng.random_range(-1.0..1.0);
-        match rng.random_range(0..4u8) {
-            0 => Vector2::new(-reach.x, along * reach.y),
-            1 => Vector2::new(reach.x, along * reach.y),
-            2 => Vector2::new(along * reach.x, -reach.y),
-            _ => Vector2::new(along * reach.x, reach.y),
-        }
+        Spot::Around { side: rng.random_range(0..4u8), gap_m, along }
+    }
+
+    /// Where the axis goes, world frame.
+    fn place_of(&self, spot: &Spot, anchor: &RuleObject, yaw_rad: f64) -> Point2<f32> {
+        let in_viewer = spot.offset(&half_span(&anchor.extents), &half_span(&self.rules.query_extents(yaw_rad)));
+        let offset = self.rules.viewer().world_from_viewer() * in_viewer.push(0.0);
+        let center = self.rules.viewer().world_from_viewer() * anchor.extents.center;
+        Point2::from((center.coords + offset).xy().cast::<f32>())
     }
 
     /// A place anywhere in an asked region, or else on an observed surface, and which point of the object goes there, as an offset from the query's
@@ -201,6 +199,49 @@ impl Proposer<'_> {
     }
 }
 
+/// A spot beside an anchor's middle, in the viewer's axes, before it is known how wide what goes there is; metres.
+#[derive(Debug, Clone, Copy)]
+enum Spot {
+    /// That far from it, however wide that is.
+    Over(Vector2<f64>),
+    /// Beyond its face along an axis, and aside by a share of what the 45° allow.
+    Along { axis: usize, sign: f64, gap_m: f64, aside: f64 },
+    /// Beyond one of its four sides, and along it by a share.
+    Around { side: u8, gap_m: f64, along: f64 },
+}
+
+impl Spot {
+    /// From the anchor's middle, with half of what it spans and half of what the query spans.
+    fn offset(&self, anchor: &Vector2<f64>, query: &Vector2<f64>) -> Vector2<f64> {
+        match *self {
+            Self::Over(offset) => offset,
+            Self::Along { axis, sign, gap_m, aside } => {
+                // Far enough that the query's near side lies beyond the anchor's middle, and its own middle beyond the anchor's face.
+                let distance_m = (anchor[axis] + query[axis] + gap_m).max(anchor[axis] + 0.005);
+                let sideways_m = (distance_m - anchor[axis] + anchor[1 - axis]) * 0.95;
+                let mut offset = Vector2::zeros();
+                offset[axis] = sign * distance_m;
+                offset[1 - axis] = sideways_m * aside;
+                offset
+            }
+            Self::Around { side, gap_m, along } => {
+                let reach = anchor + query + Vector2::repeat(gap_m);
+                match side {
+                    0 => Vector2::new(-reach.x, along * reach.y),
+                    1 => Vector2::new(reach.x, along * reach.y),
+                    2 => Vector2::new(along * reach.x, -reach.y),
+                    _ => Vector2::new(along * reach.x, reach.y),
+                }
+            }
+        }
+    }
+}
+
+/// Half of what something spans for the viewer, to the right and away.
+fn half_span(extents: &ViewerExtents) -> Vector2<f64> {
+    (extents.high - extents.low).xy() / 2.0
+}
+
 fn normal(rng: &mut Pcg64) -> f64 {
     StandardNormal.sample(rng)
 }
@@ -244,6 +285,26 @@ mod tests {
                 assert!(over > 150, "{over} of 200, {rotation:?}");
             }
         }
+    }
+
+    #[test]
+    fn what_is_drawn_turned_is_as_far_from_its_anchor_as_it_is_wide_then() {
+        // Six times as long as wide.
+        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.3, -0.2], [0.24, 0.04, 0.06]).prepared();
+        let fixed = Fixed::default();
+        let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+        let rules = Rules::new(&prepared, 2, &["near:1".parse().unwrap()], &ViewerFrame::from_yaw(0.0), &fixed.rules).unwrap();
+        let settings = &ProposerSettings { anywhere_share: 0.0, ..fixed.proposals.clone() };
+        let (observed_offset, rotation) = (Vector2::zeros(), Rotation::Yaw);
+        let proposer = Proposer { prepared: &prepared, query: &query, rules: &rules, region: &[], observed_offset, rotation, settings };
+        let mut rng = Pcg64::seed_from_u64(3);
+        let drawn = (0..600).map(|i| proposer.draw(i, &mut rng).drawn).filter(|drawn| drawn.yaw_rad != 0.0);
+        // By how much the gap is less than what is near: all of that where the two overlap.
+        let margins_m: Vec<f64> = drawn.map(|drawn| rules.checks(&drawn)[0].margin_m).collect();
+        let (near, overlapping) = margins_m.iter().fold((0, 0), |(near, overlapping), margin_m| {
+            (near + usize::from(*margin_m >= 0.0), overlapping + usize::from(*margin_m > 0.0499))
+        });
+        assert!(overlapping == 0 && 2 * near > margins_m.len(), "{near} near and {overlapping} overlapping of {}", margins_m.len());
     }
 
     #[test]
