@@ -12,8 +12,11 @@ use crate::settings::{ClearanceSettings, SupportSettings};
 pub struct Obstruction {
     /// Share of the query's cells that something else fills, strays left out.
     pub colliding_share: f64,
-    /// Distance to the nearest obstacle, metres, up to the width of the clearance ring; 0 in collision. Told in steps, rounded down.
+    /// Distance to the nearest obstacle, metres, up to the width of the clearance ring; 0 in collision. Told in steps, rounded down; beyond a corner of
+    /// the query it is told from the line of an edge.
     pub clearance_m: f64,
+    /// The same, told from the corner there.
+    pub apart_m: f64,
     /// Share of the cells where the query's unseen back may reach that something else fills.
     pub doubtful_share: f64,
 }
@@ -26,7 +29,7 @@ const BINS: usize = 64;
 impl Obstruction {
     /// The most that the distance to the nearest obstacle may be, where it was told by cells of that edge, metres.
     pub fn most_clear_m(&self, cell_m: f32) -> f64 {
-        self.clearance_m + f64::from(BIN_M + std::f32::consts::SQRT_2 * cell_m)
+        self.apart_m + f64::from(BIN_M + std::f32::consts::SQRT_2 * cell_m)
     }
 }
 
@@ -76,15 +79,18 @@ pub fn obstruction(
     let doubtful_share = in_way.doubtful as f64 / query.prisms.iter().map(|p| p.doubtful).sum::<usize>().max(1) as f64;
     let strays = settings.stray_cells.max((settings.stray_share * cells as f32) as usize);
     if in_way.colliding > strays || deepest > settings.stray_cells {
-        return Obstruction { colliding_share: in_way.colliding as f64 / cells as f64, clearance_m: 0.0, doubtful_share };
+        return Obstruction { colliding_share: in_way.colliding as f64 / cells as f64, clearance_m: 0.0, apart_m: 0.0, doubtful_share };
     }
-    let mut found = 0;
-    let first = in_way.near.iter().position(|n| {
-        found += n;
-        found > settings.stray_cells
-    });
-    let clearance_m = first.map_or(f64::from(query.ring_m), |bin| f64::from(bin as f32 * BIN_M));
-    Obstruction { colliding_share: 0.0, clearance_m, doubtful_share }
+    let nearest_m = |by_distance: &[usize; BINS]| {
+        let mut found = 0;
+        let first = by_distance.iter().position(|n| {
+            found += n;
+            found > settings.stray_cells
+        });
+        first.map_or(f64::from(query.ring_m), |bin| f64::from(bin as f32 * BIN_M))
+    };
+    let (clearance_m, apart_m) = (nearest_m(&in_way.near), nearest_m(&in_way.apart));
+    Obstruction { colliding_share: 0.0, clearance_m, apart_m, doubtful_share }
 }
 
 /// The cells that something else fills.
@@ -95,13 +101,15 @@ struct InWay {
     deep: usize,
     /// Where the query's unseen back may reach.
     doubtful: usize,
-    /// Outside of it, by their distance.
+    /// Outside of it, by how far outside.
     near: [usize; BINS],
+    /// The same, by how far from it.
+    apart: [usize; BINS],
 }
 
 impl Default for InWay {
     fn default() -> Self {
-        Self { colliding: 0, deep: 0, doubtful: 0, near: [0; BINS] }
+        Self { colliding: 0, deep: 0, doubtful: 0, near: [0; BINS], apart: [0; BINS] }
     }
 }
 
@@ -113,7 +121,9 @@ impl InWay {
             self.colliding += 1;
             self.deep += usize::from(inside_m >= settings.deep_m);
         } else {
-            self.near[(((-inside_m).max(0.0) / BIN_M) as usize).min(BINS - 1)] += 1;
+            let bin = |distance_m: f32| ((distance_m.max(0.0) / BIN_M) as usize).min(BINS - 1);
+            self.near[bin(-inside_m)] += 1;
+            self.apart[bin(cell.apart_m)] += 1;
         }
     }
 

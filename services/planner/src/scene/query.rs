@@ -9,6 +9,7 @@ use repose_proto::CallError;
 use crate::scene::prepared::PreparedScene;
 use crate::settings::Fixed;
 use repose_belief::offsets::Offsets;
+use repose_belief::outlines::to_outline_m;
 use repose_belief::shape::Shape;
 
 /// A cell in or around a prism.
@@ -16,8 +17,10 @@ use repose_belief::shape::Shape;
 pub struct OutlineCell {
     /// From the observed centroid, world axes, metres.
     pub offset: Vector2<f32>,
-    /// How far inside the prism's outline, metres; negative: how far outside.
+    /// How far inside the prism's outline, metres; negative: how far outside of the line of an edge.
     pub inside_m: f32,
+    /// How far from the outline, metres; 0 inside. Beyond a corner that is farther than outside of any edge's line.
+    pub apart_m: f32,
     /// Whether it is outside the outline, but the shape may reach there ([`Shape::doubt`]).
     pub doubtful: bool,
 }
@@ -132,7 +135,8 @@ fn cells_around(outline: &Footprint, origin: &Point2<f32>, ring_m: f32, cell_m: 
             let at = middle + Vector2::new(i as f32, j as f32) * cell_m;
             let inside_m = outline.margin(&at);
             if inside_m >= -ring_m {
-                cells.push(OutlineCell { offset: at - origin, inside_m, doubtful: false });
+                let apart_m = if inside_m < 0.0 { to_outline_m(&at, outline.corners()) } else { 0.0 };
+                cells.push(OutlineCell { offset: at - origin, inside_m, apart_m, doubtful: false });
             }
         }
     }

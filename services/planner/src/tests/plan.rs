@@ -325,8 +325,10 @@ fn places_are_too_near_where_their_clearance_is_less_than_was_asked_and_nowhere_
         posed(&prepared, &request, &settings, |problem| {
             let query = problem.query;
             let (constraints, clearance) = (Constraints::new(problem), Clearance::new(&prepared, query, &settings.fixed, Vec::new()));
-            for k in 0..80 {
-                let candidate = standing_at(query, 0.1 + 0.001 * k as f32, 0.0, settings.fixed.support.release_m);
+            // Beside the anchor, and off its corner.
+            let beside = |away_m: f32| [[0.1 + away_m, 0.0], [0.095 + away_m, -0.09 - away_m]];
+            for [x, y] in (0..80).flat_map(|k| beside(0.001 * k as f32)) {
+                let candidate = standing_at(query, x, y, settings.fixed.support.release_m);
                 let (clear_m, rejection) = (clearance.of(&candidate).unwrap(), constraints.tried(candidate, 0).rejection);
                 assert_eq!(rejection == Some(Rejection::Clearance), clear_m < wanted_m, "{clear_m} m, {wanted_m} asked: {rejection:?}");
             }
