@@ -17,6 +17,9 @@ use repose_belief::columns::ColumnRun;
 use repose_belief::offsets::Offsets;
 use repose_belief::view::Sight;
 
+/// Margins of one base, turned or not, are the same to this, metres, also where coordinates are large.
+const SAME_M: f64 = 1e-4;
+
 /// How well a candidate stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Footing {
@@ -168,11 +171,16 @@ impl Ground<'_> {
 
 /// By how much a candidate stands too badly.
 pub fn support_miss(footing: &Footing, query: &QueryObject, settings: &SupportSettings) -> Option<f64> {
-    // A thin object has no margin to give: half of what its own base allows is enough.
-    let wanted_m = settings.min_margin_m.min(0.5 * query.base_margin_m);
+    // A thin object has no margin to give: half of what its own base allows is enough. Its cells may tell less than that of its base, and need not tell
+    // more of what carries it; where they are a line, as those of a pen, they tell no margin, and nearly all of them must be carried.
+    let half_m = 0.5 * query.base_margin_m;
+    let is_line = half_m > SAME_M && query.told_margin_m.is_none();
+    let told_m = query.told_margin_m.filter(|told_m| half_m > SAME_M && *told_m < half_m);
+    let allowed_m = told_m.map_or(half_m, |told_m| told_m.min(0.5 * told_m) - SAME_M);
+    let margin_miss_m = if is_line { 0.0 } else { (settings.min_margin_m.min(allowed_m) - footing.margin_or_far_m()).max(0.0) };
     // An object may be set down on a smaller one. On furniture nothing may reach over an edge, nor over what is not known to be there.
-    let wanted_share = if footing.carrier.unwrap_or(0) == 0 { settings.min_carried_share } else { 0.0 };
-    let miss = (wanted_m - footing.margin_or_far_m()).max(0.0) * MISS_PER_METRE
+    let wanted_share = if is_line || footing.carrier.unwrap_or(0) == 0 { settings.min_carried_share } else { 0.0 };
+    let miss = margin_miss_m * MISS_PER_METRE
         + (settings.min_seen_share - footing.seen_share).max(0.0)
         + (wanted_share - footing.carried_share).max(0.0);
     (miss > 0.0).then_some(miss)
@@ -198,9 +206,11 @@ enum CellSupport {
 
 #[cfg(test)]
 mod tests {
+    use repose_geometry::Footprint;
+
     use super::*;
     use crate::settings::Fixed;
-    use crate::tests::synthetic::{Prepared, SceneBuilder};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, standing_at};
 
     fn scene() -> (PreparedScene, QueryObject) {
         let prepared =
@@ -245,6 +255,31 @@ mod tests {
         assert!((at(0.13) - 0.01).abs() < 2e-3, "{}", at(0.13));
         assert!(at(0.17).abs() < 2e-3, "beside it the table does: {}", at(0.17));
         assert!((at(0.03) - 0.01).abs() < 2e-3, "{}", at(0.03));
+    }
+
+    #[test]
+    fn what_is_hardly_wider_than_a_cell_stands_on_the_table_and_not_over_its_edge() {
+        let seen = SceneBuilder::table().object(1, [0.0, 0.1], [0.15, 0.15, 0.1]).object(2, [-0.3, -0.2], [0.12, 0.02, 0.02]).prepared();
+        let axis = seen.belief.objects[&2].shape.as_ref().unwrap().axis;
+        // A base of one row of cells, one whose cells end before its axis, and one that the axis is beside.
+        for (near_m, far_m, stands) in [(0.004, 0.004, true), (0.0031, 0.0165, true), (-0.001, 0.005, false)] {
+            let mut shapes = seen.belief.shapes();
+            let y = [axis.y - near_m, axis.y + far_m];
+            let corners = [[-0.06, y[0]], [0.06, y[0]], [0.06, y[1]], [-0.06, y[1]]].map(|[x, y]| Point3::new(axis.x + x, y, 0.0));
+            shapes.get_mut(&2).unwrap().base = Footprint::of(&corners).unwrap();
+            let prepared = PreparedScene::with_shapes(seen.scene.clone(), shapes);
+            let query = QueryObject::new(&prepared, 2, 0.0, &Fixed::default()).unwrap();
+            let settings = SupportSettings::default();
+            let ground = Ground { prepared: &prepared, query: &query, settings: &settings };
+            let misses = |x: f32, yaw_rad: f32| {
+                let at = CandidatePose { yaw_rad, ..standing_at(&query, x, -0.1, settings.release_m) };
+                support_miss(&ground.footing(&at), &query, &settings)
+            };
+            for yaw_rad in [0.0, 0.4, 1.1] {
+                assert_eq!(misses(0.2, yaw_rad).is_none(), stands, "{near_m} {far_m}, turned by {yaw_rad}: {:?}", misses(0.2, yaw_rad));
+            }
+            assert!(misses(0.49, 0.0).is_some(), "half of it is over the edge");
+        }
     }
 
     #[test]

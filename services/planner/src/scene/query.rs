@@ -57,6 +57,8 @@ pub struct QueryObject {
     pub rim: Offsets,
     /// How far inside its own base the axis is, metres: the support margin on a flat floor.
     pub base_margin_m: f64,
+    /// The same as the cells of its base tell it, which end up to a cell before its edge; none where these are hardly more than a line.
+    pub told_margin_m: Option<f64>,
     /// Its shape, from the bottom up.
     pub prisms: Vec<Prism>,
     /// How far from the observed centroid its cells are, those of the clearance rings included, metres.
@@ -94,6 +96,7 @@ impl QueryObject {
         let stride = object.points.len().div_ceil(fixed.view.sample_points).max(1);
         Ok(Self {
             id,
+            told_margin_m: told_outline(&base, cell_m).map(|told| f64::from(told.margin(&Point2::from(shape.axis_offset())))),
             base: base.into_iter().map(|c| c.offset).collect(),
             rim: rim.into_iter().map(|c| c.offset).collect(),
             base_margin_m: f64::from(shape.base.margin(&shape.axis)).max(0.0),
@@ -122,6 +125,16 @@ pub fn doubt(cells: &mut [OutlineCell], outline: &Footprint, origin: &Point2<f32
         cell.doubtful = cell.inside_m < 0.0 && swept.margin(&(origin + cell.offset)) >= 0.0;
     }
     cells.iter().filter(|c| c.doubtful).count()
+}
+
+/// The outline of the cells of a base; none of a line, nor of what is no wider than half a cell.
+fn told_outline(base: &[OutlineCell], cell_m: f32) -> Option<Footprint> {
+    let cells: Vec<Point3<f32>> = base.iter().map(|c| Point3::new(c.offset.x, c.offset.y, 0.0)).collect();
+    let is_wide = |outline: &Footprint| {
+        let (min, max) = outline.bounds();
+        outline.area() >= 0.5 * cell_m * (max - min).norm()
+    };
+    Footprint::of(&cells).filter(is_wide)
 }
 
 /// Cells every `cell_m` in an outline and up to `ring_m` around it.
