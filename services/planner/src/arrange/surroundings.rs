@@ -7,10 +7,8 @@ use std::fmt::Write;
 use repose_belief::Shape;
 use repose_proto::{GoalTerm, Relation};
 
+use crate::learned::standing::NEAR_M;
 use crate::scene::prepared::PreparedScene;
-
-/// Whatever is nearer to an object than this may lean on it, metres.
-const BESIDE_M: f64 = 0.02;
 
 /// A name for the surroundings of an object and of what it is to stand on: the same for two tables whose places for it are the same. None where a
 /// goal does not say what it is to stand on.
@@ -19,7 +17,8 @@ pub fn surroundings(scene: &PreparedScene, object: u16, terms: &[GoalTerm]) -> O
     let shape = |id: u16| scene.belief.objects.get(&id)?.shape.as_ref();
     let (own, top) = (shape(object)?, shape(carrier)?);
     let width_m = f64::from(own.corners().map(|c| (c.xy() - own.axis).norm()).fold(0.0, f32::max)) * 2.0;
-    let is_near = |other: &Shape| own.gap_m(other) < BESIDE_M || other.top_m > top.top_m && top.gap_m(other) < width_m;
+    // Whether it may be taken away is told of each of its neighbours.
+    let is_near = |other: &Shape| own.gap_m(other) <= NEAR_M || other.top_m > top.top_m && top.gap_m(other) < width_m;
     let near = scene.belief.objects.keys().copied().filter(|id| shape(*id).is_none_or(is_near));
     let named: BTreeSet<u16> = terms.iter().map(|term| term.anchor).chain([object]).chain(near).collect();
     let mut name = String::new();
@@ -54,7 +53,10 @@ mod tests {
         let name = named(&table, "above:1").unwrap();
         assert_eq!(name, named(&after(0.0, -0.4), "above:1").unwrap(), "it stands elsewhere, far from both");
         assert_ne!(name, named(&after(-0.25, -0.2), "above:1").unwrap(), "it is in the way beside the carrier");
-        assert_ne!(name, named(&after(-0.64, -0.4), "above:1").unwrap(), "it may lean on what is taken away");
+        // A centimetre off, and three.
+        for x in [-0.64, -0.619] {
+            assert_ne!(name, named(&after(x, -0.4), "above:1").unwrap(), "it may lean on what is taken away");
+        }
         assert_eq!(named(&table, "left_of:1"), None, "anywhere on the table");
         assert_eq!(named(&table, "not:above:1"), None);
     }
