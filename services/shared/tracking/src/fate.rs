@@ -155,8 +155,8 @@ impl Followed {
             object.fate = match (self.known.now(*id), object.fate) {
                 (Some(now), _) => displaced(&object.expected, &points_of(scene, now), picture.as_ref()),
                 (None, _) if picture.as_ref().is_some_and(|picture| is_empty(&object.seen, picture)) => Fate::Gone,
-                // It may still be where it was last seen.
-                (None, fate @ (Fate::Moved { .. } | Fate::Fell { .. })) => fate,
+                // It may still be where it was last seen; and what was gone from its place does not come back because something covers that.
+                (None, fate @ (Fate::Moved { .. } | Fate::Fell { .. } | Fate::Gone)) => fate,
                 (None, _) => Fate::Hidden,
             };
         }
@@ -318,6 +318,19 @@ mod tests {
         assert_eq!(fates(&followed, [1, 2]), [Fate::Stands, Fate::Hidden]);
         followed.look_again(&view(&[(5, [-0.3, 0.0, 0.0]), (6, [0.0, 0.1, 0.0])]));
         assert_eq!(followed.disturbed(), BTreeMap::new());
+    }
+
+    #[test]
+    fn what_is_gone_is_not_hidden_by_what_comes_before_its_place_and_is_found_elsewhere() {
+        let [stays, wall] = [block(1, [-0.3, 0.0, 0.0]), Block { label: 0, min: [-0.1, -0.15, 0.0], max: [0.1, -0.1, 0.3] }];
+        let mut followed = Followed::of(&view(&[(1, [-0.3, 0.0, 0.0]), (2, [0.0, 0.1, 0.0])]));
+        followed.look_again(&scene_of(&[stays]));
+        assert_eq!(fates(&followed, [1, 2]), [Fate::Stands, Fate::Gone]);
+        followed.look_again(&scene_of(&[stays, wall]));
+        assert_eq!(fates(&followed, [1, 2]), [Fate::Stands, Fate::Gone], "its place was seen to be empty");
+        followed.look_again(&scene_of(&[stays, wall, block(7, [0.3, 0.1, 0.0])]));
+        assert!(matches!(fates(&followed, [2]), [Fate::Moved { .. }]), "{:?}", followed.disturbed());
+        assert_eq!(followed.known().now(2), Some(7));
     }
 
     #[test]
