@@ -61,8 +61,9 @@ pub struct Followed {
 struct Object {
     /// Where its points were to be when something was last carried out.
     expected: Vec<Point3<f64>>,
-    /// Where they were seen last.
+    /// Where they were seen last, some of so many.
     seen: Vec<Point3<f64>>,
+    seen_of: usize,
     /// Its edge lengths in ascending order.
     edges_m: [f64; 3],
     /// What became of it since something was last carried out.
@@ -81,7 +82,7 @@ impl Followed {
     pub fn of(scene: &Scene) -> Self {
         let object = |o: &ObjectSummary| {
             let points = points_of(scene, o.id);
-            Object { expected: points.clone(), seen: points, edges_m: edges_of(o), fate: Fate::Stands }
+            Object { expected: points.clone(), seen: points, seen_of: o.points, edges_m: edges_of(o), fate: Fate::Stands }
         };
         Self { known: Known::of(&scene.meta.objects), objects: scene.meta.objects.iter().map(|o| (o.id, object(o))).collect() }
     }
@@ -166,8 +167,8 @@ impl Followed {
                 continue;
             };
             // One that is seen worse than before keeps what was known of it.
-            if object.fate != Fate::Stands || now.len() >= object.seen.len() {
-                (object.seen, object.edges_m) = (now, edges_of(summary));
+            if object.fate != Fate::Stands || summary.points >= object.seen_of {
+                (object.seen, object.seen_of, object.edges_m) = (now, summary.points, edges_of(summary));
             }
         }
     }
@@ -331,6 +332,24 @@ mod tests {
         followed.look_again(&scene_of(&[stays, wall, block(7, [0.3, 0.1, 0.0])]));
         assert!(matches!(fates(&followed, [2]), [Fate::Moved { .. }]), "{:?}", followed.disturbed());
         assert_eq!(followed.known().now(2), Some(7));
+    }
+
+    #[test]
+    fn what_was_partly_covered_for_a_while_is_known_by_its_whole_size_afterwards() {
+        let at = |x_m: f64| scene_of(&[Block { label: 1, min: [x_m - 0.025, -0.025, 0.0], max: [x_m + 0.025, 0.025, 0.1] }]);
+        let whole = at(0.0);
+        // Its lower half is hidden: of two thirds of its points more are looked at than of all.
+        let shown = whole.points.iter().zip(&whole.labels).filter(|(p, label)| **label != 1 || p[2] > 0.05);
+        let (points, labels): (Vec<[f32; 3]>, Vec<u16>) = shown.map(|(p, label)| (*p, *label)).unzip();
+        let mut covered = Scene { points, labels, ..whole.clone() };
+        let left = covered.points_of(1).count();
+        (covered.meta.objects[0].points, covered.meta.objects[0].extent_m) = (left, [0.05, 0.05, 0.05]);
+        assert!(left < whole.meta.objects[0].points && points_of(&covered, 1).len() > points_of(&whole, 1).len());
+        let mut followed = Followed::of(&whole);
+        followed.look_again(&covered);
+        assert_eq!(followed.disturbed(), BTreeMap::new());
+        followed.look_again(&at(0.25));
+        assert!(matches!(fates(&followed, [1]), [Fate::Moved { .. }]), "{:?}", followed.disturbed());
     }
 
     #[test]
