@@ -9,6 +9,7 @@ use repose_geometry::{Aabb, Footprint, cloud};
 
 use crate::Belief;
 use crate::columns::{ColumnMap, ColumnRun};
+use crate::outlines::area_centroid;
 use crate::plane::SupportPlane;
 use crate::view::ObservedView;
 
@@ -68,16 +69,23 @@ fn solid_m(surface: &SupportPlane, planes: &[SupportPlane], view: &ObservedView,
     let is_lower = |p: &&SupportPlane| p.height_m <= surface.height_m - SAME_M && p.outline.margin(&bounds.center().xy()) > 0.0;
     let lower_m = planes.iter().filter(is_lower).map(|p| p.height_m).reduce(f32::max)?;
     let at = |k: usize, low: f32, high: f32| low + (high - low) * (k as f32 + 0.5) / SIDE as f32;
-    let places: Vec<Point2<f32>> = (0..SIDE * SIDE)
+    let inside: Vec<Point2<f32>> = (0..SIDE * SIDE)
         .map(|k| Point2::new(at(k % SIDE, bounds.min.x, bounds.max.x), at(k / SIDE, bounds.min.y, bounds.max.y)))
         .filter(|place| surface.outline.margin(place) > INSIDE_M)
         .collect();
+    let places = if inside.is_empty() { towards_corners(&surface.outline) } else { inside };
     let seen_free = |height_m: f32| places.iter().filter(|p| view.is_free(&Point3::new(p.x, p.y, height_m))).count();
     // The last of them says that it is solid as far as asked.
     let asked = (asked_m / STEP_M) as usize + 2;
     let steps = (((surface.height_m - lower_m) / STEP_M) as usize).min(asked);
     let looked = (2..steps).find(|k| seen_free(surface.height_m - *k as f32 * STEP_M) * 10 > places.len());
     Some(looked.map_or(surface.height_m - lower_m, |k| (k - 1) as f32 * STEP_M))
+}
+
+/// Places from the middle of an outline towards its corners: those of a surface that is too narrow for any others.
+fn towards_corners(outline: &Footprint) -> Vec<Point2<f32>> {
+    let middle = area_centroid(outline);
+    outline.corners().iter().flat_map(|corner| [0.2, 0.5, 0.8].map(|share| middle + (corner - middle) * share)).collect()
 }
 
 /// The inside of furniture under the levels that were seen of it, for a map: as far as that reaches, whatever the levels' outlines.
@@ -158,8 +166,13 @@ mod tests {
         };
         let (table, solid) = solid_m(&SceneBuilder::table().object(0, [0.0, 0.0], [0.3, 0.2, 0.2]).scene());
         assert!(table.is_none() && (solid.expect("there is a table under it") - 0.2).abs() < 0.01, "{solid:?}");
-        let (_, solid) = solid_m(&SceneBuilder::table().object_at(0, [0.0, 0.0], 0.18, [0.3, 0.2, 0.02]).scene());
-        assert!(solid.expect("there is a table under it") < 0.12, "{solid:?}");
+        // A narrow one, too, of which no place is a centimetre from its edges.
+        for deep in [0.2, 0.015] {
+            let (_, solid) = solid_m(&SceneBuilder::table().object_at(0, [0.0, 0.0], 0.18, [0.3, deep, 0.02]).scene());
+            assert!(solid.expect("there is a table under it") < 0.12, "{deep}: {solid:?}");
+        }
+        let (_, wall) = solid_m(&SceneBuilder::table().object(0, [0.0, 0.0], [0.3, 0.015, 0.2]).scene());
+        assert!((wall.expect("there is a table under it") - 0.2).abs() < 0.01, "{wall:?}");
     }
 
     #[test]
