@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
-use repose_belief::{Belief, BeliefSettings, BelievedObject, SeenScene, Shape};
+use repose_belief::{Belief, BeliefSettings, BelievedObject, SeenScene, Shape, TooWide};
 use repose_geometry::transform;
 use repose_proto::{CallError, Scene};
 
@@ -43,16 +43,27 @@ impl PreparedScene {
 
     /// Prepares a scene with other settings.
     pub fn with_settings(scene: Arc<Scene>, scene_id: String, settings: &BeliefSettings) -> Self {
-        Self::with_known(scene, scene_id, settings, None)
+        Self::believed(scene, scene_id, settings, |seen| Belief::of(seen, settings))
     }
 
     /// Prepares a scene whose objects' shapes are known from elsewhere: what is believed of an object does not change when it is moved.
     pub fn with_shapes(scene: Arc<Scene>, shapes: BTreeMap<u16, Shape>) -> Self {
-        let scene_id = scene.id();
-        Self::with_known(scene, scene_id, &BeliefSettings::default(), Some(shapes))
+        let (scene_id, settings) = (scene.id(), BeliefSettings::default());
+        Self::believed(scene, scene_id, &settings, |seen| Belief::with_shapes(seen, shapes, &settings))
     }
 
-    fn with_known(scene: Arc<Scene>, scene_id: String, settings: &BeliefSettings, known: Option<BTreeMap<u16, Shape>>) -> Self {
+    /// Prepares what is left of a scene once an object was taken away or set down elsewhere, with the shapes that are known then.
+    pub fn after(&self, moved: u16, left: Arc<Scene>, shapes: BTreeMap<u16, Shape>) -> Self {
+        let (scene_id, settings) = (left.id(), BeliefSettings::default());
+        Self::believed(left, scene_id, &settings, |seen| self.belief.after(moved, seen, shapes, &settings))
+    }
+
+    fn believed(
+        scene: Arc<Scene>,
+        scene_id: String,
+        settings: &BeliefSettings,
+        believe: impl FnOnce(&SeenScene<'_>) -> Result<Belief, TooWide>,
+    ) -> Self {
         let pose = pose_of(&scene);
         let mut fault = match &pose {
             Err(error) => Some(error.clone()),
@@ -60,11 +71,7 @@ impl PreparedScene {
         };
         let world_from_camera = pose.unwrap_or_else(|_| Isometry3::identity());
         let seen = SeenScene::of(&scene, &world_from_camera);
-        let belief = match known {
-            Some(shapes) => Belief::with_shapes(&seen, shapes, settings),
-            None => Belief::of(&seen, settings),
-        };
-        let belief = belief.unwrap_or_else(|too_wide| {
+        let belief = believe(&seen).unwrap_or_else(|too_wide| {
             fault.get_or_insert_with(|| CallError::invalid("points", too_wide.to_string()));
             Belief::of_nothing(&seen, settings)
         });

@@ -128,6 +128,8 @@ pub struct Belief {
     carried: BTreeMap<u16, Vec<u16>>,
     /// Objects whose tops carry nothing.
     crowned: BTreeSet<u16>,
+    /// Objects that may stand elsewhere than the camera saw them.
+    elsewhere: BTreeSet<u16>,
 }
 
 /// A scene whose objects are farther apart than a map reaches.
@@ -162,7 +164,24 @@ impl Belief {
     /// # Errors
     /// [`TooWide`].
     pub fn with_shapes(seen: &SeenScene<'_>, shapes: BTreeMap<u16, Shape>, settings: &BeliefSettings) -> Result<Self, TooWide> {
-        Self::made(seen, Some(shapes), settings)
+        let elsewhere = shapes.keys().copied().collect();
+        Self::made(seen, Some((shapes, elsewhere)), settings)
+    }
+
+    /// The same of the scene that is left of this one once an object was taken away or set down elsewhere, with the shapes that are known then. Beside
+    /// what stands where the camera saw it, places that were seen to be free stay so.
+    ///
+    /// # Errors
+    /// [`TooWide`].
+    pub fn after(
+        &self,
+        moved: u16,
+        left: &SeenScene<'_>,
+        shapes: BTreeMap<u16, Shape>,
+        settings: &BeliefSettings,
+    ) -> Result<Self, TooWide> {
+        let elsewhere = self.elsewhere.iter().copied().chain([moved]).collect();
+        Self::made(left, Some((shapes, elsewhere)), settings)
     }
 
     /// The levels that the feet of a scene's objects are chosen among, by object: what [`foot`] is fitted on.
@@ -175,13 +194,18 @@ impl Belief {
         Ok(foot_levels(&geometry, &standing_at(&BTreeMap::new(), &geometry)))
     }
 
-    fn made(seen: &SeenScene<'_>, known: Option<BTreeMap<u16, Shape>>, settings: &BeliefSettings) -> Result<Self, TooWide> {
+    /// With shapes that are known, if any, and the objects that may stand elsewhere than the camera saw them.
+    fn made(
+        seen: &SeenScene<'_>,
+        known: Option<(BTreeMap<u16, Shape>, BTreeSet<u16>)>,
+        settings: &BeliefSettings,
+    ) -> Result<Self, TooWide> {
         let observed = Observed::of(seen, settings)?;
         let geometry = observed.geometry(settings);
-        // What is known from elsewhere need not be where the camera saw it.
-        let looks = known.is_none().then_some(&observed.view);
-        let mut shapes = known.unwrap_or_else(|| completed(&geometry));
-        let of_objects = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns, looks));
+        let (mut shapes, elsewhere) = known.unwrap_or_else(|| (completed(&geometry), BTreeSet::new()));
+        // Beside what stands elsewhere the camera has not looked.
+        let looks = |id: u16| (!elsewhere.contains(&id)).then_some(&observed.view);
+        let of_objects = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns, looks(*id)));
         let of_furniture = solid_runs(&observed.planes, &observed.view, &observed.columns);
         let hidden: Vec<(Point2<f32>, ColumnRun)> = of_objects.chain(of_furniture).collect();
         let carried = carried_by(&geometry, &shapes);
@@ -191,7 +215,7 @@ impl Belief {
             let centroid = cloud::centroid(&points)?;
             Some((id, BelievedObject { points, centroid, shape: shapes.remove(&id) }))
         });
-        Ok(Self { objects: believed.collect(), planes, columns: columns.with(hidden), view, carried, crowned })
+        Ok(Self { objects: believed.collect(), planes, columns: columns.with(hidden), view, carried, crowned, elsewhere })
     }
 
     /// What is believed of a scene nothing of which counts: it has no objects, and the camera saw nothing.
@@ -205,6 +229,7 @@ impl Belief {
             view: ObservedView::new(&[], &[], seen.camera, seen.world_from_camera, settings.view_columns),
             carried: BTreeMap::new(),
             crowned: BTreeSet::new(),
+            elsewhere: BTreeSet::new(),
         }
     }
 
