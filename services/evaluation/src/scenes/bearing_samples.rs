@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use repose_belief::bearing::candidates;
-use repose_belief::standing::ObservedGeometry;
+use repose_belief::standing::{CloudExtent, ObservedGeometry};
 use repose_belief::{Belief, BeliefSettings};
 use repose_planner::PreparedScene;
 use repose_simulator::scene::SimulatedScene;
@@ -50,8 +50,9 @@ impl SceneBearings {
 fn measured(belief: &Belief, truth: &SimulatedScene) -> Vec<(Vec<f32>, bool)> {
     let settings = BeliefSettings::default();
     let clouds: BTreeMap<u16, Vec<_>> = belief.objects.iter().map(|(id, object)| (*id, object.points.clone())).collect();
-    let seen =
-        ObservedGeometry { clouds: &clouds, columns: &belief.columns, planes: &belief.planes, view: &belief.view, settings: &settings };
+    let extents = CloudExtent::of_all(&clouds, &settings.stack);
+    let Belief { columns, planes, view, .. } = belief;
+    let seen = ObservedGeometry { clouds: &clouds, extents: &extents, columns, planes, view, settings: &settings };
     let loads = true_loads(truth);
     let is_known = |id: u16| truth.objects.iter().any(|object| object.id == id);
     let known = candidates(&seen, &belief.shapes()).into_iter().filter(|pair| is_known(pair.carrier) && is_known(pair.load));

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
 use crate::columns::cells_of;
 use crate::meeting::{Edges, Meeting};
-use crate::outlines::outline_gap_m;
+use crate::outlines::{bounds_gap_m, outline_gap_m};
 use crate::shape::Shape;
 use crate::standing::{ObservedGeometry, is_on, nth};
 
@@ -192,10 +192,12 @@ impl Pair<'_> {
     /// Whether they are above each other or next to each other, and the load is not all below the carrier.
     fn is_near(&self) -> bool {
         let (carrier, load) = (self.carrier.shape, self.load.shape);
-        let outlines = carrier.slabs.iter().flat_map(|below| load.slabs.iter().map(move |above| (below, above)));
-        load.top_m > carrier.bottom_m
-            && outlines.map(|(below, above)| outline_gap_m(below.outline.corners(), above.outline.corners())).fold(f32::INFINITY, f32::min)
-                <= APART_M
+        let mut outlines = carrier.slabs.iter().flat_map(|below| load.slabs.iter().map(move |above| (below, above)));
+        let is_near = |below: &Footprint, above: &Footprint| {
+            // Most pairs are far apart, and seen to be so at less cost.
+            bounds_gap_m(below, above) <= APART_M + 0.001 && outline_gap_m(below.corners(), above.corners()) <= APART_M
+        };
+        load.top_m > carrier.bottom_m && outlines.any(|(below, above)| is_near(&below.outline, &above.outline))
     }
 
     fn top(&self) -> &Footprint {

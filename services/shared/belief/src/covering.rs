@@ -10,9 +10,9 @@ use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::cloud;
 
 use crate::columns::{ColumnMap, cells_of};
-use crate::settings::{BeliefSettings, CoverSettings};
+use crate::settings::CoverSettings;
 use crate::shape::Shape;
-use crate::standing::{ObservedGeometry, nth};
+use crate::standing::ObservedGeometry;
 use crate::view::ObservedView;
 
 /// What carries an object that covers it.
@@ -27,16 +27,19 @@ pub struct Covered {
 impl ObservedGeometry<'_> {
     /// What an object stands on and covers; none where nothing is known to be covered by it.
     pub fn covered_by(&self, id: u16) -> Option<Covered> {
-        let low = Band::lowest(self.clouds.get(&id)?, self.settings)?;
+        let (cover, low_m) = (&self.settings.cover, self.extents.get(&id)?.lowest_m);
+        let low = Band::lowest(self.clouds.get(&id)?, low_m, cover);
         let eye = self.view.eye().xy();
-        let carriers = self.clouds.iter().filter(|(other, _)| **other != id).filter_map(|(other, points)| {
-            let high = Band::highest(points, self.settings)?;
-            let meets = (-self.settings.cover.over_m..=self.settings.cover.gap_m).contains(&(low.height_m - high.height_m));
-            let is_covered = meets
-                && points.iter().any(|p| p.z <= high.height_m - self.settings.cover.min_height_m)
-                && high.is_narrow(&eye, &self.settings.cover)
-                && low.is_along(&high, &self.settings.cover);
-            is_covered.then_some(Covered { id: *other, contact_m: (low.height_m + high.height_m) / 2.0 })
+        let meeting = self.clouds.iter().filter_map(|(other, points)| {
+            let high_m = self.extents.get(other)?.highest_m;
+            let meets = *other != id && (-cover.over_m..=cover.gap_m).contains(&(low_m - high_m));
+            meets.then_some((*other, points, high_m))
+        });
+        let carriers = meeting.filter_map(|(other, points, high_m)| {
+            let high = Band::highest(points, high_m, cover);
+            let is_covered =
+                points.iter().any(|p| p.z <= high_m - cover.min_height_m) && high.is_narrow(&eye, cover) && low.is_along(&high, cover);
+            is_covered.then_some(Covered { id: other, contact_m: (low_m + high_m) / 2.0 })
         });
         carriers.max_by(|a, b| a.contact_m.total_cmp(&b.contact_m))
     }
@@ -44,22 +47,20 @@ impl ObservedGeometry<'_> {
 
 /// The lowest or the highest part of what was seen of an object.
 struct Band {
-    /// Where it ends: the height of its lowest or highest points but some stray ones, metres.
-    height_m: f32,
     points: Vec<Point2<f32>>,
 }
 
 impl Band {
-    fn lowest(points: &[Point3<f32>], settings: &BeliefSettings) -> Option<Self> {
-        let height_m = nth(points.iter().map(|p| p.z).collect(), settings.stack.stray_points)?;
-        let in_band = points.iter().filter(|p| p.z <= height_m + settings.cover.band_m);
-        Some(Self { height_m, points: in_band.map(|p| p.xy()).collect() })
+    /// Of an object whose lowest points but some stray ones are at a height, metres.
+    fn lowest(points: &[Point3<f32>], lowest_m: f32, settings: &CoverSettings) -> Self {
+        let in_band = points.iter().filter(|p| p.z <= lowest_m + settings.band_m);
+        Self { points: in_band.map(|p| p.xy()).collect() }
     }
 
-    fn highest(points: &[Point3<f32>], settings: &BeliefSettings) -> Option<Self> {
-        let height_m = -nth(points.iter().map(|p| -p.z).collect(), settings.stack.stray_points)?;
-        let in_band = points.iter().filter(|p| p.z >= height_m - settings.cover.band_m);
-        Some(Self { height_m, points: in_band.map(|p| p.xy()).collect() })
+    /// The same of the highest.
+    fn highest(points: &[Point3<f32>], highest_m: f32, settings: &CoverSettings) -> Self {
+        let in_band = points.iter().filter(|p| p.z >= highest_m - settings.band_m);
+        Self { points: in_band.map(|p| p.xy()).collect() }
     }
 
     /// Whether no top goes on behind its front: it is narrow in the direction of sight.

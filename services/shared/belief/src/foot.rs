@@ -267,13 +267,13 @@ impl<'a> Object<'a> {
         let own = |kind, height_m, borne| Proposed { kind, height_m, borne, carrier_span_m: 0.0 };
         let mut proposed = vec![own(Kind::Rule, self.shape.bottom_m, most)];
         proposed.extend(self.floors_m.iter().take(FLOORS).map(|floor_m| own(Kind::Furniture, *floor_m, 1.0 - most)));
-        let outline = Footprint::of(self.points);
+        let outline = self.seen.outline(self.id);
         for (borne, pair) in self.carriers.iter().filter(|(borne, _)| *borne >= LEAST_BORNE) {
             let Some(carrier) = shapes.get(&pair.carrier) else { continue };
             let of_carrier = |kind, height_m: f32, carrier_span_m| Proposed { kind, height_m, borne: *borne, carrier_span_m };
             let span_m = carrier.top_m - carrier.bottom_m;
             proposed.push(of_carrier(Kind::Top, carrier.top_m.min(self.lowest_m), span_m));
-            let under = outline.as_ref().map_or_else(Vec::new, |outline| self.points_under(pair.carrier, outline));
+            let under = outline.map_or_else(Vec::new, |outline| self.points_under(pair.carrier, outline));
             let strays = self.seen.settings.stack.stray_points;
             if under.len() > strays {
                 let [highest_m, middle_m] = [under[strays], under[under.len() / 2]];

@@ -74,7 +74,7 @@ use far_side::solid_runs;
 use foot::{Chosen, Foot, Level};
 use front::Front;
 use plane::SupportPlane;
-use standing::ObservedGeometry;
+use standing::{CloudExtent, ObservedGeometry};
 
 pub use settings::BeliefSettings;
 pub use shape::Shape;
@@ -209,7 +209,7 @@ impl Belief {
         let of_furniture = solid_runs(&observed.planes, &observed.view, &observed.columns);
         let hidden: Vec<(Point2<f32>, ColumnRun)> = of_objects.chain(of_furniture).collect();
         let carried = carried_by(&geometry, &shapes);
-        let Observed { clouds, columns, planes, view } = observed;
+        let Observed { clouds, columns, planes, view, .. } = observed;
         let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
         let believed = clouds.into_iter().filter_map(|(id, points)| {
             let centroid = cloud::centroid(&points)?;
@@ -257,6 +257,7 @@ impl Belief {
 /// A scene as it was seen, before anything is believed of it.
 struct Observed {
     clouds: BTreeMap<u16, Vec<Point3<f32>>>,
+    extents: BTreeMap<u16, CloudExtent>,
     columns: ColumnMap,
     planes: Vec<SupportPlane>,
     view: ObservedView,
@@ -269,14 +270,16 @@ impl Observed {
             clouds.entry(*label).or_default().push(Point3::from(*p));
         }
         let bounds = bounds_of(&clouds, seen.points, settings)?;
+        let extents = CloudExtent::of_all(&clouds, &settings.stack);
         let columns = ColumnMap::of_points(seen.points, seen.labels, &bounds, settings.cell_m, settings.gap_m);
         let planes: Vec<SupportPlane> = seen.surfaces.iter().filter_map(SupportPlane::of).collect();
         let view = ObservedView::new(seen.points, seen.labels, seen.camera, seen.world_from_camera, settings.view_columns);
-        Ok(Self { clouds, columns, planes, view })
+        Ok(Self { clouds, extents, columns, planes, view })
     }
 
     fn geometry<'a>(&'a self, settings: &'a BeliefSettings) -> ObservedGeometry<'a> {
-        ObservedGeometry { clouds: &self.clouds, columns: &self.columns, planes: &self.planes, view: &self.view, settings }
+        let Self { clouds, extents, columns, planes, view } = self;
+        ObservedGeometry { clouds, extents, columns, planes, view, settings }
     }
 }
 

@@ -29,6 +29,12 @@ pub fn outline_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
     from(a, b).min(from(b, a))
 }
 
+/// How far apart the boxes around two outlines are along x or y, whichever is more, metres: the outlines are no nearer. Not positive where they overlap.
+pub fn bounds_gap_m(a: &Footprint, b: &Footprint) -> f32 {
+    let ((min, max), (other_min, other_max)) = (a.bounds(), b.bounds());
+    (min - other_max).sup(&(other_min - max)).max()
+}
+
 /// The largest gap between two convex polygons along any edge's normal: not positive when they overlap.
 pub fn separating_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
     let along = |one: &[Point2<f32>], other: &[Point2<f32>]| {
@@ -57,4 +63,30 @@ fn to_segment_m(p: &Point2<f32>, a: &Point2<f32>, b: &Point2<f32>) -> f32 {
     let along = b - a;
     let t = ((p - a).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
     (a + along * t - p).norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    #[test]
+    fn outlines_are_no_nearer_to_each_other_than_the_boxes_around_them() {
+        let mut rng = Pcg64::seed_from_u64(7);
+        for _ in 0..500 {
+            let mut outline = || {
+                let middle = [(); 2].map(|()| rng.random_range(-0.2..0.2f32));
+                let mut corner =
+                    || Point3::new(middle[0] + rng.random_range(-0.1..0.1f32), middle[1] + rng.random_range(-0.1..0.1f32), 0.0);
+                Footprint::of(&[(); 6].map(|()| corner())).expect("it has an area")
+            };
+            let (a, b) = (outline(), outline());
+            let (apart_m, of_boxes_m) = (outline_gap_m(a.corners(), b.corners()), bounds_gap_m(&a, &b));
+            assert!(of_boxes_m <= apart_m + 1e-6, "{of_boxes_m} {apart_m}");
+            assert_eq!(of_boxes_m, bounds_gap_m(&b, &a));
+        }
+    }
 }

@@ -10,9 +10,10 @@ use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Aabb, Footprint, cloud};
 
 use crate::columns::{ColumnMap, cells_of};
+use crate::outlines::bounds_gap_m;
 use crate::plane::SupportPlane;
 use crate::settings::{BeliefSettings, StackSettings};
-use crate::shape::Shape;
+use crate::shape::{Shape, Slab};
 use crate::view::ObservedView;
 
 /// The observed geometry of a scene, before its objects are completed.
@@ -20,6 +21,8 @@ use crate::view::ObservedView;
 pub struct ObservedGeometry<'a> {
     /// The points by object, world frame.
     pub clouds: &'a BTreeMap<u16, Vec<Point3<f32>>>,
+    /// How far each of them reaches ([`CloudExtent::of_all`]).
+    pub extents: &'a BTreeMap<u16, CloudExtent>,
     /// Runs above the floor plan.
     pub columns: &'a ColumnMap,
     /// The support surfaces.
@@ -30,13 +33,39 @@ pub struct ObservedGeometry<'a> {
     pub settings: &'a BeliefSettings,
 }
 
+/// How far an object's points reach: every other object asks about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CloudExtent {
+    /// Their outline seen from above; none of a line.
+    pub outline: Option<Footprint>,
+    /// The height of the lowest of them but some stray ones, world z, metres.
+    pub lowest_m: f32,
+    /// The same of the highest.
+    pub highest_m: f32,
+}
+
+impl CloudExtent {
+    /// Of all objects' points.
+    pub fn of_all(clouds: &BTreeMap<u16, Vec<Point3<f32>>>, settings: &StackSettings) -> BTreeMap<u16, Self> {
+        let of = |points: &[Point3<f32>]| {
+            let lowest = |sign: f32| nth(points.iter().map(|p| sign * p.z).collect(), settings.stray_points);
+            Some(Self { outline: Footprint::of(points), lowest_m: lowest(1.0)?, highest_m: -lowest(-1.0)? })
+        };
+        clouds.iter().filter_map(|(id, points)| Some((*id, of(points)?))).collect()
+    }
+}
+
 impl ObservedGeometry<'_> {
     /// The height of an object's bottom, world z, metres; `None` for an object without extent.
     ///
     /// Whatever tells it, it is not above what was seen of the object: set down as if it were, the object would be pressed in.
     pub fn bottom_m(&self, id: u16) -> Option<f32> {
-        let lowest_m = nth(self.clouds.get(&id)?.iter().map(|p| p.z).collect(), self.settings.stack.stray_points)?;
-        Some(self.told_bottom_m(id)?.min(lowest_m))
+        Some(self.told_bottom_m(id)?.min(self.extents.get(&id)?.lowest_m))
+    }
+
+    /// The outline of an object's points seen from above.
+    pub fn outline(&self, id: u16) -> Option<&Footprint> {
+        self.extents.get(&id)?.outline.as_ref()
     }
 
     /// The height that the surroundings of an object tell.
@@ -129,7 +158,7 @@ impl ObservedGeometry<'_> {
     fn reaching_under(&self, id: u16, middle: &Point2<f32>) -> BTreeSet<u16> {
         let reaches_under = |other: u16| match other {
             0 => true,
-            _ => self.clouds.get(&other).and_then(Footprint::of).is_some_and(|outline| outline.margin(middle) >= -0.005),
+            _ => self.outline(other).is_some_and(|outline| outline.margin(middle) >= -0.005),
         };
         self.clouds.keys().copied().chain([0]).filter(|other| *other != id && reaches_under(*other)).collect()
     }
@@ -137,10 +166,10 @@ impl ObservedGeometry<'_> {
     /// The highest level that enough cells of the carriers' tops share, in an object's outline and the strip around it.
     fn shared_top_m(&self, id: u16, carriers: &BTreeSet<u16>, limit_m: f32) -> f32 {
         let settings = self.settings;
-        let Some(outline) = self.clouds.get(&id).and_then(Footprint::of) else { return f32::NEG_INFINITY };
+        let Some(outline) = self.outline(id) else { return f32::NEG_INFINITY };
         let mut tops: Vec<f32> = Vec::new();
         let mut inside = 0;
-        for center in cells_of(&outline, settings.strip_m, self.columns) {
+        for center in cells_of(outline, settings.strip_m, self.columns) {
             inside += usize::from(outline.margin(&center) >= 0.0);
             let runs = self.columns.at(&center).iter().filter(|r| carriers.contains(&r.object) && r.high_m <= limit_m);
             tops.extend(runs.map(|r| r.high_m).reduce(f32::max));
@@ -154,8 +183,11 @@ impl ObservedGeometry<'_> {
     /// The highest points of other objects right under an object, up to a limit: it cannot reach below them. −∞ without any.
     fn highest_under_m(&self, id: u16, limit_m: f32) -> f32 {
         let stack = &self.settings.stack;
-        let Some(outline) = self.clouds.get(&id).and_then(Footprint::of) else { return f32::NEG_INFINITY };
-        let is_under = |p: &Point3<f32>| p.z <= limit_m && outline.margin(&p.xy()) >= stack.inside_m;
+        let Some(outline) = self.outline(id) else { return f32::NEG_INFINITY };
+        let (min, max) = outline.bounds();
+        // Most points are of objects that are elsewhere.
+        let is_around = |p: &Point3<f32>| p.x >= min.x && p.x <= max.x && p.y >= min.y && p.y <= max.y;
+        let is_under = |p: &Point3<f32>| p.z <= limit_m && is_around(p) && outline.margin(&p.xy()) >= stack.inside_m;
         let of_others = self.clouds.iter().filter(|(other, _)| **other != id).map(|(_, points)| {
             let mut heights: Vec<f32> = points.iter().filter(|p| is_under(p)).map(|p| p.z).collect();
             heights.sort_by(|a, b| b.total_cmp(a));
@@ -234,7 +266,8 @@ pub(crate) fn nth(mut values: Vec<f32>, n: usize) -> Option<f32> {
 /// Whether one shape stands on another or in it: its bottom is within reach of the other's top, and enough of its base is over it.
 pub(crate) fn is_on(above: &Shape, below: &Shape, columns: &ColumnMap, settings: &StackSettings) -> bool {
     let height_fits = above.bottom_m > below.bottom_m + settings.step_m && above.bottom_m <= below.top_m + settings.contact_m;
-    let Some(top) = below.slabs.last().filter(|_| height_fits) else { return false };
+    let is_apart = |slab: &&Slab| bounds_gap_m(&above.base, &slab.outline) > 0.001;
+    let Some(top) = below.slabs.last().filter(|slab| height_fits && !is_apart(slab)) else { return false };
     let (mut cells, mut over) = (0usize, 0usize);
     for center in cells_of(&above.base, 0.0, columns) {
         cells += 1;
