@@ -119,6 +119,11 @@ impl ColumnMap {
         tops.copied().fold(f32::NEG_INFINITY, f32::max)
     }
 
+    /// How many cells there are.
+    pub fn cell_count(&self) -> usize {
+        self.grid.count()
+    }
+
     /// Edge length of a cell, metres.
     pub fn cell_m(&self) -> f32 {
         self.grid.cell_m

@@ -25,8 +25,8 @@ const SAME_M: f32 = 0.015;
 const MAX_SOLID_M: f32 = 0.4;
 /// No furniture is looked under any farther down, metres.
 const DEEPEST_M: f32 = 10.0;
-/// Most cells that are looked at for the inside of furniture: those of eight levels that each cover the largest map.
-const MAX_SOLID_CELLS: usize = 1 << 26;
+/// Cells are looked at for the inside of furniture up to as many as so many levels have that each cover the map: as many as perception finds.
+const MAX_SOLID_LEVELS: usize = 8;
 
 impl Belief {
     /// An object as a whole: what was seen of it and what is believed to be there too, about `spacing_m` apart, world frame. Its rim is moved out
@@ -98,7 +98,7 @@ pub fn solid_runs(planes: &[SupportPlane], view: &ObservedView, columns: &Column
         let (min, max) = plane.outline.bounds();
         columns.own_centers_within(&min, &max).map(move |center| (plane, deep_m, center))
     });
-    let inside = around.take(MAX_SOLID_CELLS).filter(|(plane, _, center)| plane.outline.margin(center) >= 0.0);
+    let inside = around.take(MAX_SOLID_LEVELS * columns.cell_count()).filter(|(plane, _, center)| plane.outline.margin(center) >= 0.0);
     let run =
         |plane: &SupportPlane, deep_m: f32| ColumnRun { low_m: plane.height_m - deep_m, high_m: plane.height_m, object: 0, seen: false };
     inside.map(|(plane, deep_m, center)| (center, run(plane, deep_m))).collect()
@@ -173,6 +173,18 @@ mod tests {
         }
         let (_, wall) = solid_m(&SceneBuilder::table().object(0, [0.0, 0.0], [0.3, 0.015, 0.2]).scene());
         assert!((wall.expect("there is a table under it") - 0.2).abs() < 0.01, "{wall:?}");
+    }
+
+    #[test]
+    fn however_many_levels_there_are_no_more_is_filled_than_a_few_that_cover_the_map_have() {
+        let mut scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).scene();
+        let outline_m = vec![[-0.5, -0.4], [0.5, -0.4], [0.5, 0.4], [-0.5, 0.4]];
+        let level = |k: i32| Surface { height_m: -0.002 * f64::from(k), outline_m: outline_m.clone(), area_m2: 0.8, object: None };
+        scene.meta.surfaces = (0..100).map(level).collect();
+        let belief = believed(&scene);
+        let runs = solid_runs(&belief.planes, &belief.view, &belief.columns);
+        let cells = belief.columns.cell_count();
+        assert!((cells..=MAX_SOLID_LEVELS * cells).contains(&runs.len()), "{} of {cells}", runs.len());
     }
 
     #[test]
