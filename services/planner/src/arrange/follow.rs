@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use repose_proto::CallError;
 use repose_proto::arrange::ArrangeMove;
 
-use crate::arrange::search::{Search, Settling, State};
+use crate::arrange::search::{Advance, Search, Settling, State};
 
 impl Search<'_> {
     /// Goes straight down once more, where objects may leave those that stand right by them, and these follow. Whether all was settled: the moves are
@@ -21,7 +21,7 @@ impl Search<'_> {
 
     /// Moves an object to where its terms have it but for those of what stands right by it, which does not stand where it will from then on. None where
     /// no place is found for any.
-    fn led(&mut self, state: &State) -> Result<Option<(ArrangeMove, State)>, CallError> {
+    fn led(&mut self, state: &State) -> Result<Option<Advance>, CallError> {
         for object in self.order(state) {
             let followers = self.followers(state, object);
             // Once each: two that are placed by each other would go on for ever.
@@ -44,7 +44,7 @@ impl Search<'_> {
         state: &State,
         moves: Vec<ArrangeMove>,
         unsettled: &BTreeSet<u16>,
-    ) -> Result<Option<(ArrangeMove, State)>, CallError> {
+    ) -> Result<Option<Advance>, CallError> {
         for step in moves {
             if let Some(after) = self.after(state, &step, unsettled)? {
                 return Ok(Some((step, after)));

@@ -50,6 +50,9 @@ impl State {
 /// An object for which no place was found, with what a place must satisfy.
 type WithoutRoom = (u16, Vec<GoalTerm>);
 
+/// A move, and where it leads.
+pub(super) type Advance = (ArrangeMove, State);
+
 /// How an object can be settled.
 pub(super) enum Settling {
     /// Where it stands.
@@ -215,7 +218,7 @@ impl<'a> Search<'a> {
     pub(super) fn left_after_straight(
         &mut self,
         mut state: State,
-        or_else: fn(&mut Self, &State) -> Result<Option<(ArrangeMove, State)>, CallError>,
+        or_else: fn(&mut Self, &State) -> Result<Option<Advance>, CallError>,
     ) -> Result<State, CallError> {
         loop {
             self.keep_if_best(&state);
@@ -378,7 +381,7 @@ impl<'a> Search<'a> {
     }
 
     /// Sets one of these objects aside: no order spares that where they stand on something that must move. None where no place is found for any.
-    pub(super) fn cleared(&mut self, state: &State, in_the_way: &[u16]) -> Result<Option<(ArrangeMove, State)>, CallError> {
+    pub(super) fn cleared(&mut self, state: &State, in_the_way: &[u16]) -> Result<Option<Advance>, CallError> {
         let aside = self.path.iter().filter(|step| step.purpose == Purpose::Aside).count();
         if aside >= self.places.request().max_parkings as usize {
             return Ok(None);

@@ -1,10 +1,9 @@
 //! Tops that other objects cover: most of such a top the view may not show, and then nothing can be placed there in any order. What covers it is
 //! set aside; where the top is known well enough the plan goes on, and where it is not, it ends with that a view is needed.
 
-use repose_proto::arrange::ArrangeMove;
 use repose_proto::{CallError, Relation};
 
-use crate::arrange::search::{Part, Search, State};
+use crate::arrange::search::{Advance, Part, Search, State};
 use crate::arrange::stacks::bare_above;
 
 impl Search<'_> {
@@ -30,7 +29,7 @@ impl Search<'_> {
     }
 
     /// Sets something aside that covers a top that others must go to. None where nothing does or no place is found for it.
-    fn covering_cleared(&mut self, state: &State) -> Result<Option<(ArrangeMove, State)>, CallError> {
+    fn covering_cleared(&mut self, state: &State) -> Result<Option<Advance>, CallError> {
         let covering = self.covering(state);
         self.cleared(state, &covering)
     }
