@@ -243,12 +243,12 @@ struct Stack<'a> {
     sides_by_m: [f32; 2],
 }
 
-/// Joins neighbouring slabs of nearly the same area, so that a box is one prism.
+/// Joins neighbouring slabs of nearly the same outline, so that a box is one prism.
 fn merged(slabs: Vec<Slab>, same_area_ratio: f32) -> Vec<Slab> {
     let mut out: Vec<Slab> = Vec::with_capacity(slabs.len());
     for slab in slabs {
         match out.last_mut() {
-            Some(last) if alike(last.outline.area(), slab.outline.area(), same_area_ratio) => {
+            Some(last) if alike(&last.outline, &slab.outline, same_area_ratio) => {
                 if slab.outline.area() > last.outline.area() {
                     last.outline = slab.outline;
                 }
@@ -260,8 +260,11 @@ fn merged(slabs: Vec<Slab>, same_area_ratio: f32) -> Vec<Slab> {
     out
 }
 
-fn alike(a: f32, b: f32, ratio: f32) -> bool {
-    a.min(b) >= ratio * a.max(b)
+/// Whether two outlines are of nearly the same area and in the same place: what crosses another as wide is not like it, nor is what leans away over it.
+fn alike(a: &Footprint, b: &Footprint, ratio: f32) -> bool {
+    let (smaller, larger) = (a.area().min(b.area()), a.area().max(b.area()));
+    let both: Vec<Point3<f32>> = a.corners().iter().chain(b.corners()).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
+    smaller >= ratio * larger && Footprint::of(&both).is_some_and(|both| larger >= ratio * both.area())
 }
 
 #[cfg(test)]
@@ -278,6 +281,25 @@ mod tests {
             points.extend((0..=steps[1]).map(|j| Point3::new(x, center[1] + size[1] * (j as f32 / steps[1] as f32 - 0.5), size[2])));
         }
         points
+    }
+
+    #[test]
+    fn slabs_of_one_outline_are_one_prism_and_those_that_cross_or_lean_away_over_each_other_are_not() {
+        let outline = |at: [f32; 2], half: [f32; 2]| {
+            let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+            Footprint::of(&corners.map(|[x, y]: [f32; 2]| Point3::new(at[0] + x * half[0], at[1] + y * half[1], 0.0))).unwrap()
+        };
+        let joined = |outlines: Vec<Footprint>| {
+            let slab = |(k, outline)| Slab { low_m: 0.01 * k as f32, high_m: 0.01 * (k + 1) as f32, outline };
+            merged(outlines.into_iter().enumerate().map(slab).collect(), ShapeSettings::default().same_area_ratio)
+        };
+        let box_of = joined(vec![outline([0.0, 0.0], [0.04, 0.03]); 5]);
+        assert_eq!((box_of.len(), box_of[0].low_m, box_of[0].high_m), (1, 0.0, 0.05));
+        let cross = joined(vec![outline([0.0, 0.0], [0.07, 0.02]), outline([0.0, 0.0], [0.02, 0.07])]);
+        assert_eq!(cross.len(), 2, "each as wide as the other, and across it");
+        // 45 degrees off upright: no prism reaches farther to the side than a slab or two do.
+        let leaning = joined((0..8).map(|k| outline([0.01 * k as f32, 0.0], [0.03, 0.03])).collect());
+        assert!(leaning.len() >= 4, "{leaning:?}");
     }
 
     fn complete(points: &[Point3<f32>], eye: Point2<f32>, hidden: &Hidden) -> Shape {
