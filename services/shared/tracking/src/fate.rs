@@ -106,15 +106,20 @@ impl Followed {
     }
 
     /// Something was carried out: an object (first view's id; none where that did not have it) is to be where a motion put it. Every other that was told
-    /// as disturbed is to be where it was seen last, and the rest where it was to be before: shifts that are each too small to be told add up.
+    /// as disturbed is to be where it was seen last, and the rest where it was to be before: shifts that are each too small to be told add up. What is
+    /// gone stays so until it is found.
     pub fn carried(&mut self, id: Option<u16>, placed_from_observed: &Isometry3<f64>) {
         for object in self.objects.values_mut().filter(|object| object.fate != Fate::Stands) {
             object.expected.clone_from(&object.seen);
-            object.fate = Fate::Stands;
+            // What is gone does not come back because something else was carried.
+            if object.fate != Fate::Gone {
+                object.fate = Fate::Stands;
+            }
         }
         let Some(id) = id else { return };
         self.known.carried(id, placed_from_observed);
         if let Some(object) = self.objects.get_mut(&id) {
+            object.fate = Fate::Stands;
             object.expected.iter_mut().chain(&mut object.seen).for_each(|p| *p = placed_from_observed * *p);
         }
     }
@@ -327,6 +332,8 @@ mod tests {
         let mut followed = Followed::of(&view(&[(1, [-0.3, 0.0, 0.0]), (2, [0.0, 0.1, 0.0])]));
         followed.look_again(&scene_of(&[stays]));
         assert_eq!(fates(&followed, [1, 2]), [Fate::Stands, Fate::Gone]);
+        // The robot set something down since.
+        followed.carried(Some(1), &Isometry3::identity());
         followed.look_again(&scene_of(&[stays, wall]));
         assert_eq!(fates(&followed, [1, 2]), [Fate::Stands, Fate::Gone], "its place was seen to be empty");
         followed.look_again(&scene_of(&[stays, wall, block(7, [0.3, 0.1, 0.0])]));
