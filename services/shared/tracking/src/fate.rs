@@ -24,6 +24,8 @@ const ENOUGH: usize = 12;
 const MOVED_M: f64 = 0.03;
 /// From here on it fell, metres.
 const FELL_M: f64 = 0.03;
+/// Points up to so far apart are of the same place, metres.
+const TOUCH_M: f64 = 0.02;
 
 /// What became of an object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
@@ -157,6 +159,7 @@ impl Followed {
     /// Says what became of each object, once it is known who is who.
     fn judge(&mut self, scene: &Scene) {
         let picture = DepthPicture::of(scene);
+        self.look_in_place(scene, picture.as_ref());
         for (id, object) in &mut self.objects {
             object.fate = match (self.known.now(*id), object.fate) {
                 (Some(now), _) => displaced(&object.expected, &points_of(scene, now), picture.as_ref()),
@@ -178,10 +181,44 @@ impl Followed {
         }
     }
 
+    /// Looks for those that are not found by their middles where they were seen last, among the objects that nobody is, nearest pairs first: the middle of
+    /// what is seen of something wide is elsewhere once more or less of it is covered, but one of the two is then where a part of the other is.
+    fn look_in_place(&mut self, scene: &Scene, picture: Option<&DepthPicture>) {
+        if self.objects.keys().all(|id| self.known.now(*id).is_some()) {
+            return;
+        }
+        let strangers = self.strangers(scene);
+        let clouds: Vec<Vec<Point3<f64>>> = strangers.iter().map(|o| points_of(scene, o.id)).collect();
+        let reaches: Vec<Reach> = clouds.iter().map(|points| reach(points)).collect();
+        let mut pairs: Vec<(f64, u16, usize)> = Vec::new();
+        for (id, object) in self.objects.iter().filter(|(id, _)| self.known.now(**id).is_none()) {
+            let Some(was) = middle(&object.seen).filter(|_| !picture.is_some_and(|picture| is_empty(&object.seen, picture))) else {
+                continue;
+            };
+            let own = reach(&object.seen);
+            let is_there =
+                |k: &usize| meet(&own, &reaches[*k]) && (are_near(&clouds[*k], &object.seen) || are_near(&object.seen, &clouds[*k]));
+            let there = (0..strangers.len()).filter(is_there);
+            pairs.extend(there.map(|k| ((Point3::from(strangers[k].centroid_m) - was).norm(), *id, k)));
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut recognized: BTreeSet<usize> = BTreeSet::new();
+        for (_, id, k) in pairs {
+            if self.known.now(id).is_none() && recognized.insert(k) {
+                self.known.is_now(id, strangers[k]);
+            }
+        }
+    }
+
+    /// The objects of a view that nobody is.
+    fn strangers<'s>(&self, scene: &'s Scene) -> Vec<&'s ObjectSummary> {
+        let taken: BTreeSet<u16> = self.objects.keys().filter_map(|id| self.known.now(*id)).collect();
+        scene.meta.objects.iter().filter(|o| !taken.contains(&o.id)).collect()
+    }
+
     /// Looks for those that are gone among the objects that nobody is, nearest pairs first; they are those from now on.
     fn look_elsewhere(&mut self, scene: &Scene) {
-        let taken: BTreeSet<u16> = self.objects.keys().filter_map(|id| self.known.now(*id)).collect();
-        let strangers: Vec<&ObjectSummary> = scene.meta.objects.iter().filter(|o| !taken.contains(&o.id)).collect();
+        let strangers = self.strangers(scene);
         let mut pairs: Vec<(f64, u16, &ObjectSummary)> = Vec::new();
         for (id, object) in self.objects.iter().filter(|(_, object)| object.fate == Fate::Gone) {
             let Some(was) = middle(&object.seen) else { continue };
@@ -241,9 +278,20 @@ fn uncovered(points: &[Point3<f64>], picture: &DepthPicture) -> Vec<Point3<f64>>
 
 /// Whether most points are near others.
 fn are_near(points: &[Point3<f64>], others: &[Point3<f64>]) -> bool {
-    const TOUCH_M: f64 = 0.02;
     let is_near = |p: &&Point3<f64>| others.iter().any(|other| (*other - **p).norm() <= TOUCH_M);
     points.iter().filter(is_near).count() as f64 > MOST * points.len() as f64
+}
+
+/// From where to where something reaches along each axis, but for a few stray points.
+type Reach = [Option<[f64; 2]>; 3];
+
+fn reach(points: &[Point3<f64>]) -> Reach {
+    [0, 1, 2].map(|axis| ends(points, axis))
+}
+
+/// Whether points that reach so far may be near each other, most of either.
+fn meet(one: &Reach, other: &Reach) -> bool {
+    one.iter().zip(other).all(|(a, b)| a.zip(*b).is_some_and(|(a, b)| a[0] <= b[1] + TOUCH_M && b[0] <= a[1] + TOUCH_M))
 }
 
 /// How far both ends of something have gone the same way, along each axis, from where those of its points that are open were to be. Where one end alone
@@ -394,6 +442,25 @@ mod tests {
         followed.carried(Some(1), &Isometry3::translation(-0.3, 0.0, 0.0));
         followed.look_again(&scene_of(&[wide, before(-0.43)]));
         assert_eq!(followed.disturbed(), BTreeMap::new());
+    }
+
+    #[test]
+    fn what_is_wide_stands_where_it_is_however_much_of_it_is_covered() {
+        // Three quarters of 2 are hidden or not: the middle of what is seen of it shifts by 15 cm.
+        let wide = Block { label: 2, min: [-0.2, 0.08, 0.0], max: [0.2, 0.14, 0.08] };
+        let wall = Block { label: 0, min: [-0.22, -0.08, 0.0], max: [0.08, -0.02, 0.3] };
+        let (whole, covered) = (scene_of(&[wide]), scene_of(&[wide, wall]));
+        let shift_m = covered.meta.objects[0].centroid_m[0] - whole.meta.objects[0].centroid_m[0];
+        assert!(shift_m > 0.1, "{shift_m}");
+        for (before, after) in [(&whole, &covered), (&covered, &whole)] {
+            let mut followed = Followed::of(before);
+            followed.look_again(after);
+            assert_eq!((followed.disturbed(), followed.known().now(2)), (BTreeMap::new(), Some(2)));
+        }
+        // Of what stands at its end now that it is away nothing is taken for it.
+        let mut followed = Followed::of(&whole);
+        followed.look_again(&scene_of(&[Block { label: 9, min: [0.12, 0.08, 0.0], max: [0.18, 0.14, 0.08] }]));
+        assert_eq!((fates(&followed, [2]), followed.known().now(2)), ([Fate::Gone], None));
     }
 
     #[test]
