@@ -20,7 +20,7 @@ pub const TRIALS_AT_ONCE: usize = 4;
 #[derive(Debug, Clone, Copy)]
 struct Query {
     shard: u32,
-    view: u16,
+    view: u32,
     object: u16,
 }
 
@@ -128,7 +128,7 @@ impl Views {
             let own = shard.summaries().enumerate().filter(|(_, view)| Split::of_seed(view.scene_seed) == Some(self.split));
             for (v, view) in own.filter(|(_, view)| found.insert((view.scene_seed, view.view))) {
                 let large = view.alone_px().enumerate().filter(|(_, px)| *px as usize >= PIXELS_LEAST);
-                let usable: Vec<Query> = large.map(|(k, _)| Query { shard: index, view: v as u16, object: k as u16 }).collect();
+                let usable: Vec<Query> = large.map(|(k, _)| Query { shard: index, view: v as u32, object: k as u16 }).collect();
                 if usable.len() >= 2 {
                     let ids: Vec<u16> = view.ids().collect();
                     let entries = |q: &Query| match &self.releases {
@@ -162,7 +162,7 @@ impl Views {
     /// The `i`-th (view, query) pair; `None`, with a warning, if the view's pixels are broken.
     pub fn query(&self, i: usize) -> Option<QueryView<'_>> {
         let Query { shard, view, object } = self.queries[i];
-        match self.shards[shard as usize].view(usize::from(view)) {
+        match self.shards[shard as usize].view(view as usize) {
             Ok(view) => {
                 let query = usize::from(object);
                 Some(QueryView { releases: self.releases_of(view.scene_seed, view.objects[query].id), view, query })

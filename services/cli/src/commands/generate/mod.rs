@@ -42,8 +42,8 @@ pub struct GenerateArgs {
     /// The first scene, counted from the split's first seed.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
-    /// Views per scene.
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Views per scene, 1000 at most: a shard has those of 16 scenes, and whoever reads it takes it into memory.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub views: u32,
     /// A folder for the shards. Existing shards are kept, missing ones are generated; a longer run replaces a short last shard.
     #[arg(long, value_name = "DIR", group = "product")]
@@ -334,6 +334,8 @@ mod tests {
     fn something_must_be_made() {
         assert!(parsed(&["--scenes", "3"]).is_err());
         assert!(parsed(&["--show", "a", "--scenes", "0"]).is_err() && parsed(&["--show", "a", "--views", "0"]).is_err());
+        let views = |count| parsed(&["--out", "c", "--views", count]);
+        assert!(views("1000").is_ok() && views("1001").is_err_and(|e| e.to_string().contains("1000")), "shards that nobody could read");
         assert!(
             parsed(&["--statistics", "b.svg"]).is_err_and(|e| e.to_string().contains("histograms")),
             "one would be written over the other"
