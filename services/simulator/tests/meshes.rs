@@ -83,6 +83,19 @@ fn every_format_at_any_depth_becomes_an_object_with_its_size_name_mass_and_top()
     assert_eq!((second.mass_kg, second.friction), (0.321, 0.9));
 }
 
+#[cfg(unix)]
+#[test]
+fn a_mesh_is_one_object_however_many_links_lead_to_its_folder() {
+    use std::os::unix::fs::symlink;
+
+    let folder = tempfile::tempdir().expect("a folder");
+    write(folder.path(), "brick/mesh.obj", obj(&box_mesh()));
+    symlink(folder.path(), folder.path().join("brick/around")).expect("a link");
+    symlink(folder.path().join("brick"), folder.path().join("tile")).expect("a link");
+    let library = MeshLibrary::load(folder.path(), &MeshSettings::default()).expect("valid");
+    assert_eq!(library.shapes().iter().map(|s| &*s.name).collect::<Vec<_>>(), ["brick"]);
+}
+
 #[test]
 fn millimetres_and_y_up_are_said_not_guessed() {
     let folder = tempfile::tempdir().expect("a folder");

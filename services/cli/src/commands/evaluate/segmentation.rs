@@ -1,5 +1,6 @@
 //! `repose evaluate segmentation`: perception's masks of labelled frames against the labels.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -26,7 +27,7 @@ pub struct EvaluateSegmentationArgs {
 /// Runs the command.
 pub fn run(args: &EvaluateSegmentationArgs, output: Output) -> CommandResult {
     let mut folders = Vec::new();
-    find_frames(&args.dir, &mut folders)?;
+    find_frames(&args.dir, &mut BTreeSet::new(), &mut folders)?;
     if folders.is_empty() {
         return Err(Failure::bad_input(&args.dir.display().to_string(), "no frame folder with depth.png and labels.png here or below"));
     }
@@ -59,15 +60,18 @@ fn read_settings(path: &Path) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
-/// Folders that hold a labelled frame, in name order; nothing below a frame is searched.
-fn find_frames(dir: &Path, found: &mut Vec<PathBuf>) -> CommandResult {
+/// Folders that hold a labelled frame, in name order; nothing below a frame is searched. A folder that several links lead to is searched once.
+fn find_frames(dir: &Path, searched: &mut BTreeSet<PathBuf>, found: &mut Vec<PathBuf>) -> CommandResult {
+    let failed = |e: std::io::Error| Failure::bad_input(&dir.display().to_string(), e);
+    if !searched.insert(dir.canonicalize().map_err(failed)?) {
+        return Ok(());
+    }
     if dir.join("depth.png").is_file() {
         if dir.join("labels.png").is_file() {
             found.push(dir.to_owned());
         }
         return Ok(());
     }
-    let failed = |e: std::io::Error| Failure::bad_input(&dir.display().to_string(), e);
     let mut below = Vec::new();
     for entry in std::fs::read_dir(dir).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
@@ -76,9 +80,36 @@ fn find_frames(dir: &Path, found: &mut Vec<PathBuf>) -> CommandResult {
         }
     }
     below.sort();
-    below.iter().try_for_each(|folder| find_frames(folder, found))
+    below.iter().try_for_each(|folder| find_frames(folder, searched, found))
 }
 
 fn name_of(folder: Option<&Path>) -> String {
     folder.and_then(Path::file_name).map_or_else(|| ".".to_owned(), |name| name.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    #[cfg(unix)]
+    #[test]
+    fn a_frame_is_judged_once_however_many_links_lead_to_it() {
+        use std::collections::BTreeSet;
+        use std::os::unix::fs::symlink;
+
+        use super::find_frames;
+
+        let folder = tempfile::tempdir().expect("a folder");
+        let root = folder.path();
+        for name in ["a/second", "a/first", "c/third"] {
+            std::fs::create_dir_all(root.join(name)).expect("a folder");
+            for file in ["depth.png", "labels.png"] {
+                std::fs::write(root.join(name).join(file), "").expect("written");
+            }
+        }
+        symlink(root, root.join("a/around")).expect("a link");
+        symlink(root.join("a"), root.join("b")).expect("a link");
+        symlink(root.join("a/first"), root.join("c/again")).expect("a link");
+        let mut found = Vec::new();
+        find_frames(root, &mut BTreeSet::new(), &mut found).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!(found, ["a/first", "a/second", "c/third"].map(|name| root.join(name)));
+    }
 }

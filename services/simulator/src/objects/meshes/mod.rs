@@ -17,6 +17,7 @@ pub mod settings;
 pub mod sidecar;
 pub mod simplify;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -73,7 +74,7 @@ impl MeshLibrary {
         let fields = [("scale", settings.scale), ("density_kg_m3", settings.density_kg_m3), ("friction", settings.friction)];
         fields.into_iter().try_for_each(|(field, value)| positive(field, value)).map_err(|problem| problem.at(folder))?;
         let mut paths = Vec::new();
-        collect(folder, &mut paths)?;
+        collect(folder, &mut BTreeSet::new(), &mut paths)?;
         if paths.is_empty() {
             return Err(MeshProblem::NoMeshes.at(folder));
         }
@@ -204,9 +205,12 @@ impl<'a> Source<'a> {
     }
 }
 
-/// All mesh files below a folder, in the order of their paths.
-fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), MeshError> {
+/// All mesh files below a folder, in the order of their paths. A folder that several links lead to is searched once.
+fn collect(folder: &Path, searched: &mut BTreeSet<PathBuf>, found: &mut Vec<PathBuf>) -> Result<(), MeshError> {
     let listed = |e: std::io::Error| MeshProblem::Io(e).at(folder);
+    if !searched.insert(folder.canonicalize().map_err(listed)?) {
+        return Ok(());
+    }
     let mut entries: Vec<PathBuf> =
         std::fs::read_dir(folder).map_err(listed)?.map(|entry| entry.map(|e| e.path())).collect::<Result<_, _>>().map_err(listed)?;
     entries.sort();
@@ -216,7 +220,7 @@ fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), MeshError> {
             continue;
         }
         if path.is_dir() {
-            collect(&path, found)?;
+            collect(&path, searched, found)?;
         } else if Format::of(&path).is_some() && path.file_stem().is_some_and(|stem| stem != READY_PARTS) {
             found.push(path);
         }
