@@ -1,9 +1,9 @@
-//! A robot's joints, where its links are, its body as the spheres of collision checks, and its stops as lines of a log.
+//! A robot's joints, where its links are, its body as the spheres that cover what shows of it, and its stops as lines of a log.
 
 use foxglove::messages::{FrameTransforms, JointState, JointStates, Log, SceneEntity, SceneUpdate, SpherePrimitive, Timestamp, log};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use repose_geometry::transform::from_row_major;
-use repose_panda::{LinkFrames, PlacedSphere, spheres_in_base};
+use repose_panda::{LinkFrames, PlacedSphere, visible_spheres_in_base};
 use repose_proto::robot::RobotState;
 
 use super::message::VisualMessage;
@@ -49,7 +49,7 @@ pub fn looks(name: &str, state: &RobotState, drawn: &mut DrawnRobot) -> Vec<Visu
     looks.extend(VisualMessage::new("/tf".to_owned(), at_ns, &transforms(name, at, &world_from_base, &frames)));
     if at_ns.abs_diff(drawn.body_at_ns) >= BODY_PERIOD_NS {
         drawn.body_at_ns = at_ns;
-        let spheres = spheres_in_base(&frames, state.gripper_width_m);
+        let spheres = visible_spheres_in_base(&frames, state.gripper_width_m);
         let entities = vec![body(name, at, &spheres, &world_from_base, state.stop.is_some())];
         let update = SceneUpdate { deletions: Vec::new(), entities };
         looks.extend(VisualMessage::new(format!("/robot/{name}/body"), at_ns, &update));
@@ -71,4 +71,45 @@ fn body(name: &str, at: Option<Timestamp>, spheres: &[PlacedSphere], world_from_
         SpherePrimitive { pose: Some(pose(&at)), size: Some(vector(&Vector3::repeat(2.0 * sphere.radius_m))), color: Some(color(of)) }
     };
     SceneEntity { spheres: spheres.iter().map(solid).collect(), ..entity(at, name.to_owned()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use foxglove::Decode;
+    use repose_panda::{READY, SPHERE_COUNT};
+    use repose_proto::robot::RobotMode;
+
+    use super::*;
+
+    #[test]
+    fn the_whole_of_a_robot_that_shows_is_drawn() {
+        let state = RobotState {
+            v: 1,
+            seq: 1,
+            stamp_ns: 1_000_000_000,
+            robot_ms: 0.0,
+            q_rad: READY,
+            dq_rad_s: [0.0; 7],
+            gripper_width_m: 0.04,
+            gripper_settled: true,
+            gripper_holding: false,
+            mode: RobotMode::Stopped,
+            stop: None,
+            owner: None,
+            last_command: None,
+            stream_ms: None,
+            task: None,
+            held: None,
+            since_handling_ms: None,
+            model: None,
+            world_from_base: None,
+            horizon_ms: None,
+        };
+        let looks = looks("panda", &state, &mut DrawnRobot::default());
+        let body = looks.iter().find(|look| look.topic == "/robot/panda/body").expect("a body");
+        let update = SceneUpdate::decode(&*body.message).expect("a scene update");
+        let spheres = visible_spheres_in_base(&LinkFrames::at(&READY), 0.04);
+        assert!(spheres.len() > SPHERE_COUNT, "those that the shoulder's own leave out are among them");
+        assert_eq!(update.entities[0].spheres.len(), spheres.len());
+    }
 }
