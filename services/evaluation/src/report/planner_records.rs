@@ -31,10 +31,11 @@ impl Records {
         let mut whole_bytes = 0;
         if path.exists() {
             let mut lines = BufReader::new(File::open(&path).map_err(|e| failed(&e))?);
-            let mut line = String::new();
-            while lines.read_line(&mut line).map_err(|e| failed(&e))? > 0 && line.ends_with('\n') {
+            // As bytes: a line may have been cut off within a character.
+            let mut line = Vec::new();
+            while lines.read_until(b'\n', &mut line).map_err(|e| failed(&e))? > 0 && line.ends_with(b"\n") {
                 if whole_bytes == 0 {
-                    let there: Value = serde_json::from_str(&line).map_err(|e| failed(&e))?;
+                    let there: Value = serde_json::from_slice(&line).map_err(|e| failed(&e))?;
                     if there != *head {
                         return Err(failed(&format!(
                             "holds scenes of other settings ({}); take another folder, or the same settings",
@@ -42,7 +43,7 @@ impl Records {
                         )));
                     }
                 } else {
-                    all.push(serde_json::from_str(&line).map_err(|e| failed(&e))?);
+                    all.push(serde_json::from_slice(&line).map_err(|e| failed(&e))?);
                 }
                 whole_bytes += line.len() as u64;
                 line.clear();
@@ -120,8 +121,9 @@ mod tests {
         }
         drop(records);
         let path = folder.path().join("scenes.jsonl");
-        let whole = std::fs::read_to_string(&path).expect("a file");
-        std::fs::write(&path, format!("{whole}{{\"set\": \"a")).expect("written");
+        let whole = std::fs::read(&path).expect("a file");
+        // Within a character of two bytes.
+        std::fs::write(&path, [whole, b"{\"set\": \"\xc3".to_vec()].concat()).expect("written");
         let mut again = Records::open(Some(folder.path()), &head).unwrap_or_else(|e| panic!("{e:?}"));
         again.add(record("b", 0)).unwrap_or_else(|e| panic!("{e:?}"));
         let set = SceneSet { name: "b".to_owned(), kinds: vec![SceneKind::Shelf], problem: ProblemSettings::default() };
