@@ -11,7 +11,7 @@ use repose_proto::followed_robots::{MAX_ROBOTS, SAME_BASE_M, SILENT};
 use repose_proto::motion::MotionPlan;
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, Scene, keys};
-use repose_runtime::{RuntimeError, Session, read_robot_state};
+use repose_runtime::{RuntimeError, Session, read_robot_mode};
 use tokio::task::JoinSet;
 
 use crate::execution::check_base;
@@ -68,7 +68,8 @@ impl Neighbours {
         let heard = told.clone();
         following.spawn(async move {
             while let Some(sample) = states.recv().await {
-                let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), read_robot_state(&sample)) else { continue };
+                // Also beside a number that no robot can have: without it this arm would count as standing where it was told last.
+                let (Some(robot), Ok(state)) = (keys::worker_of(&sample.key), read_robot_mode(&sample)) else { continue };
                 let last = LastState { state, heard: Instant::now() };
                 keep(&mut heard.lock().unwrap_or_else(PoisonError::into_inner), robot, last, &world_from_base);
             }
@@ -342,6 +343,13 @@ mod tests {
         assert_eq!((neighbours.check_base_of("own"), neighbours.check_base_of("unknown")), (Ok(()), Ok(())));
         let refused = neighbours.check_base_of("across").expect_err("it is another worker's");
         assert!(refused.field.as_deref() == Some("robot") && refused.message.contains("900.0 mm"), "{refused}");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn an_arm_that_moves_is_noticed_though_its_hand_tells_a_width_that_none_has() {
+        let moving = RobotState { gripper_width_m: -1.0, ..standing([0.9, 0.0], "moving") };
+        let refused = beside(&[("across", moving)]).await.check_still("own").expect_err("it moves");
+        assert!(refused.message.contains("across"), "{refused}");
     }
 
     #[tokio::test(flavor = "multi_thread")]

@@ -127,8 +127,8 @@ pub use journal::COPIES_WAIT;
 pub use lives::Lives;
 pub use queue::{BatchQueue, ComputeQueue, PendingAnswer, QueueSettings};
 pub use robots::{
-    STATE_WITHIN, call_moving, emergency_stop, emergency_stop_within, now_ns, reaching_robot, read_robot_state, refuse_a_second_driver,
-    robot_state,
+    STATE_WITHIN, call_moving, emergency_stop, emergency_stop_within, now_ns, reaching_robot, read_robot_mode, read_robot_state,
+    refuse_a_second_driver, robot_state,
 };
 pub use scenes::{SCENE_WITHIN, SceneStore, check_scene_id, fetch_newest, fetch_scene, fetch_scene_payload, fetch_stamp, lacks_scene};
 pub use scheduling::{prefer_messages, yield_to_messages};

@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use repose_proto::place::ReachingRobot;
 use repose_proto::robot::{EmergencyStop, PANDA_LIKE, RobotState};
-use repose_proto::{CallError, ErrorCode, Payload, keys, limits};
+use repose_proto::{CallError, ErrorCode, Message, Payload, keys, limits};
 
 use crate::{Answer, CallOptions, Caller, Sample, Session, Traffic};
 
@@ -30,6 +30,24 @@ pub fn read_robot_state(sample: &Sample) -> Result<RobotState, CallError> {
             tracing::warn!(robot, field, why = error.message, "what this robot tells of itself counts as nothing, which is said once");
         }
     })
+}
+
+/// A state with whatever numbers it has.
+#[derive(serde::Deserialize)]
+#[serde(transparent)]
+struct Unchecked(RobotState);
+
+impl Message for Unchecked {
+    const SCHEMA: &'static str = RobotState::SCHEMA;
+}
+
+/// As [`read_robot_state`], for those who go by whether a robot moves or is stopped: that counts also beside a number that no robot can have. A hand
+/// whose sensor has failed hides neither a stop nor an arm that moves.
+///
+/// # Errors
+/// What is wrong with a state that cannot be read at all.
+pub fn read_robot_mode(sample: &Sample) -> Result<RobotState, CallError> {
+    read_robot_state(sample).or_else(|_| sample.payload.decode_json::<Unchecked>().map(|told| told.0))
 }
 
 fn is_first_fault(key: &str, field: &str) -> bool {
@@ -122,7 +140,7 @@ pub async fn emergency_stop(session: &Session, robot: &str, source: &str, reason
             _ = again.tick() => session.put(&key, wanted.clone(), Traffic::EmergencyStop).await?,
             sample = states.recv() => {
                 // What cannot be read shows nothing.
-                let Ok(state) = read_robot_state(&sample.ok_or_else(closed)?) else { continue };
+                let Ok(state) = read_robot_mode(&sample.ok_or_else(closed)?) else { continue };
                 let shown = state.stop.as_ref().and_then(|stop| stop.estop_id.as_ref());
                 if shown == Some(&id) || (shown.is_some() && began.elapsed() > ANOTHERS) {
                     return Ok(state);
@@ -166,6 +184,8 @@ fn closed() -> CallError {
 
 #[cfg(test)]
 mod tests {
+    use repose_proto::robot::RobotMode;
+
     use super::*;
 
     #[tokio::test(flavor = "multi_thread")]
@@ -223,9 +243,33 @@ mod tests {
             let refused = read_robot_state(&state(80.0)).expect_err("no hand opens so far");
             assert_eq!(refused.field.as_deref(), Some("gripper_width_m"), "{refused}");
         }
+        assert_eq!(read_robot_mode(&state(80.0)).expect("it says what it does").mode, RobotMode::Idle);
         let key = state(80.0).key;
         assert!(!is_first_fault(&key, "gripper_width_m"), "that is said already");
         assert!(is_first_fault(&key, "q_rad[1]") && is_first_fault("repose/v1/cell/robot/another/state", "gripper_width_m"));
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_stop_is_seen_beside_a_width_that_no_hand_has() {
+        let session = Session::embedded().await.expect("a session");
+        let states = session.publisher(session.cell().robot_state("panda"), Traffic::RobotState);
+        let mut stops = session.subscribe_queue(&session.cell().robot_estop("panda"), 256).await.expect("a subscription");
+        let telling = tokio::spawn(async move {
+            let still = [0.0; 7];
+            while let Some(sample) = stops.recv().await {
+                let stop = EmergencyStop::read(&sample.payload.bytes);
+                let state = serde_json::json!({
+                    "v": 1, "seq": 0, "stamp_ns": 0, "robot_ms": 0.0, "q_rad": still, "dq_rad_s": still, "gripper_width_m": -1.0,
+                    "gripper_settled": true, "gripper_holding": false, "mode": "stopped",
+                    "stop": {"kind": "estop", "reason": stop.reason, "estop_id": stop.id}
+                });
+                let state = serde_json::from_value::<RobotState>(state).expect("a state");
+                states.put(Payload::json(&state).expect("encoded")).await.expect("put");
+            }
+        });
+        let state = emergency_stop_within(&session, "panda", "a test", "now", 10 * ANOTHERS).await.expect("it is stopped");
+        telling.abort();
+        assert_eq!(state.mode, RobotMode::Stopped);
     }
 
     #[tokio::test(flavor = "multi_thread")]
