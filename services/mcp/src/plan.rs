@@ -16,6 +16,7 @@ use repose_sentences::placement::{center_of, describe, merits, motion, relaxatio
 use repose_words::{ObjectAppearance, Reason, RefusedSentence, find, looks_of, names_by_number, understand};
 use schemars::JsonSchema;
 use serde::Serialize;
+use tokio::time::Instant;
 
 use crate::answer::ToolResult;
 use crate::arguments::{Named, PlanArguments};
@@ -90,7 +91,9 @@ impl Desk {
             let (seen, asked) = (seen.clone(), asked.clone());
             computed(move || wish_of(&asked, &seen)).await?
         };
-        let state = self.robot_state(deadline).await;
+        // A place is found without a robot, too: what is waited for it leaves as much time for that.
+        let halfway = Instant::now() + deadline.saturating_duration_since(Instant::now()) / 2;
+        let state = self.robot_state(halfway).await;
         let request = self.request(asked, &seen, &wish, state.as_ref().ok());
         request.validate()?;
         let (result, _) = self.planner.place(&request, Some(&seen.scene), CallOptions::default().until(deadline)).await?;

@@ -158,6 +158,14 @@ async fn a_robot_whose_state_is_late_is_waited_for() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_place_is_found_in_time_though_the_robot_tells_nothing() {
+    let cell = start_with(McpSettings { deadline: Duration::from_secs(6), ..McpSettings::default() }).await;
+    cell.world.is_mute.store(true, Ordering::SeqCst);
+    let answer = ask(&cell, "plan", json!({"say": "put the red box left of the blue box"})).await.expect("an answer");
+    assert!(answer.data["plan"].is_string() && answer.text.contains("the arm was not asked"), "{}", answer.text);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_plan_of_this_session_is_carried_out_once_and_no_other_is() {
     let cell = start(true).await;
     let plan = planned(&cell).await;
