@@ -243,28 +243,40 @@ struct Stack<'a> {
     sides_by_m: [f32; 2],
 }
 
-/// Joins neighbouring slabs of nearly the same outline, so that a box is one prism.
+/// Joins neighbouring slabs of nearly the same outline, so that a box is one prism: of nearly the same area and in the same place. What crosses another as
+/// wide is not like it, nor is what leans away over it; so all slabs of a prism together are no larger either.
 fn merged(slabs: Vec<Slab>, same_area_ratio: f32) -> Vec<Slab> {
     let mut out: Vec<Slab> = Vec::with_capacity(slabs.len());
+    // What the slabs of the last prism cover together.
+    let mut covered: Option<Footprint> = None;
     for slab in slabs {
-        match out.last_mut() {
-            Some(last) if alike(&last.outline, &slab.outline, same_area_ratio) => {
+        let with_it = covered.as_ref().and_then(|covered| around_both(covered, &slab.outline));
+        match (out.last_mut(), with_it) {
+            (Some(last), Some(with_it)) if are_alike(&last.outline, &slab.outline, &with_it, same_area_ratio) => {
                 if slab.outline.area() > last.outline.area() {
                     last.outline = slab.outline;
                 }
                 last.high_m = slab.high_m;
+                covered = Some(with_it);
             }
-            _ => out.push(slab),
+            _ => {
+                covered = Some(slab.outline.clone());
+                out.push(slab);
+            }
         }
     }
     out
 }
 
-/// Whether two outlines are of nearly the same area and in the same place: what crosses another as wide is not like it, nor is what leans away over it.
-fn alike(a: &Footprint, b: &Footprint, ratio: f32) -> bool {
+/// Whether two outlines are of nearly the same area, and what they cover together with others is, too.
+fn are_alike(a: &Footprint, b: &Footprint, together: &Footprint, ratio: f32) -> bool {
     let (smaller, larger) = (a.area().min(b.area()), a.area().max(b.area()));
-    let both: Vec<Point3<f32>> = a.corners().iter().chain(b.corners()).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
-    smaller >= ratio * larger && Footprint::of(&both).is_some_and(|both| larger >= ratio * both.area())
+    smaller >= ratio * larger && larger >= ratio * together.area()
+}
+
+fn around_both(a: &Footprint, b: &Footprint) -> Option<Footprint> {
+    let corners: Vec<Point3<f32>> = a.corners().iter().chain(b.corners()).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
+    Footprint::of(&corners)
 }
 
 #[cfg(test)]
@@ -297,7 +309,7 @@ mod tests {
         assert!(box_of.len() == 1 && box_of[0].low_m == 0.0 && (box_of[0].high_m - 0.05).abs() < 1e-6, "{box_of:?}");
         let cross = joined(vec![outline([0.0, 0.0], [0.07, 0.02]), outline([0.0, 0.0], [0.02, 0.07])]);
         assert_eq!(cross.len(), 2, "each as wide as the other, and across it");
-        // 45 degrees off upright: no prism reaches farther to the side than a slab or two do.
+        // 45 degrees off upright: no prism is of more than two slabs, a centimetre aside.
         let leaning = joined((0..8).map(|k| outline([0.01 * k as f32, 0.0], [0.03, 0.03])).collect());
         assert!(leaning.len() >= 4, "{leaning:?}");
     }
