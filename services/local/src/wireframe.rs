@@ -8,7 +8,7 @@ use repose_proto::Scene;
 
 /// Ends of lines nearer to the camera's plane than this are cut off there, metres.
 const NEAREST_M: f64 = 0.05;
-/// Ends of edges farther outside the picture than this are cut off there, pixels.
+/// Ends of lines farther outside the picture than this are cut off there, pixels.
 const FARTHEST_PX: f64 = 5_000.0;
 
 /// Draws the edges of a box along the world's axes, as the scene's camera sees them; nothing where the camera's pose is not known.
@@ -35,7 +35,6 @@ fn draw_edge(picture: &mut RgbImage, camera: &Pinhole, ends: [Point3<f64>; 2], c
         false => near,
     };
     let (Some(from), Some(to)) = (camera.project(&cut(a, b)), camera.project(&cut(b, a))) else { return };
-    let Some([from, to]) = near_picture(picture, [from, to]) else { return };
     draw_line(picture, (from.x.round() as i64, from.y.round() as i64), (to.x.round() as i64, to.y.round() as i64), color);
 }
 
@@ -60,11 +59,11 @@ fn near_picture(picture: &RgbImage, [from, to]: [Point2<f64>; 2]) -> Option<[Poi
     (begin < end).then(|| [if begin > 0.0 { at(begin) } else { from }, if end < 1.0 { at(end) } else { to }])
 }
 
-/// A line one pixel wide; ends outside the picture are fine.
+/// A line one pixel wide; ends outside the picture are fine, however far.
 pub fn draw_line(picture: &mut RgbImage, from: (i64, i64), to: (i64, i64), color: Rgb<u8>) {
-    // Far outside nothing would be seen for a long time.
-    const FAR: i64 = 20_000;
-    let steps = (to.0 - from.0).abs().max((to.1 - from.1).abs()).clamp(1, FAR);
+    let Some(ends) = near_picture(picture, [from, to].map(|(x, y)| Point2::new(x as f64, y as f64))) else { return };
+    let [from, to] = ends.map(|end| (end.x.round() as i64, end.y.round() as i64));
+    let steps = (to.0 - from.0).abs().max((to.1 - from.1).abs()).max(1);
     for step in 0..=steps {
         put(picture, from.0 + (to.0 - from.0) * step / steps, from.1 + (to.1 - from.1) * step / steps, color);
     }

@@ -12,6 +12,7 @@ use repose_evaluation::tables::robot::{OBJECTS, RobotTableError, RobotTableSetti
 use repose_local::picture::{rgb_image, side_by_side};
 use repose_simulator::objects::{MeshLibrary, MeshSettings};
 
+use super::shared::told;
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
 use crate::values::{distinct_or, parse_count};
@@ -81,15 +82,8 @@ pub fn run(args: &EvaluateRobotArgs, output: Output) -> CommandResult {
         RobotTableError::NoObject(_) => Failure::bad_input("objects", format!("{}: {e}", args.objects.display())),
         other => Failure::other(other),
     })?;
-    output.print(&report::robot::document(&table, &settings, models.engine().weights_hash()), || report::robot::text_of(&table))?;
-    // A disk that fills up takes pictures, and not the table.
-    match picture_failure {
-        Some(failure) => {
-            tracing::error!(%failure, "a strip of pictures is missing");
-            Err(Failure::NotAchieved)
-        }
-        None => Ok(()),
-    }
+    let document = report::robot::document(&table, &settings, models.engine().weights_hash());
+    told(picture_failure.map_or(Ok(()), Err), || output.print(&document, || report::robot::text_of(&table)))
 }
 
 #[cfg(test)]

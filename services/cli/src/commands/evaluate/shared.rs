@@ -93,11 +93,11 @@ pub fn can_report(folder: Option<&Path>, table: &str) -> CommandResult {
     folder.map_or(Ok(()), |folder| can_write(&folder.join(format!("{table}.json")))).map_err(Failure::from)
 }
 
-/// Tells of a table whether or not its report could be written: a disk that fills up takes the files, and not what came of hours.
+/// Tells of a table whether or not its files could be written: a disk that fills up takes the files, and not what came of hours.
 pub fn told(written: Result<(), FileError>, tell: impl FnOnce() -> CommandResult) -> CommandResult {
     tell()?;
     written.map_err(|failure| {
-        tracing::error!(%failure, "the report is missing");
+        tracing::error!(%failure, "a file of this table is missing");
         Failure::NotAchieved
     })
 }
