@@ -68,24 +68,11 @@ impl Known {
 
     /// Who is who in a new view, each at most so far from where it was to be. Nearest pairs first.
     pub fn look_again(&mut self, objects: &[ObjectSummary]) {
-        let mut pairs: Vec<(f64, u16, usize)> = Vec::new();
-        for (id, (_, expected)) in &self.now {
-            pairs.extend(objects.iter().enumerate().map(|(k, o)| (distance_m(o, expected), *id, k)).filter(|p| p.0 <= SAME_M));
-        }
-        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-        let mut taken = vec![false; objects.len()];
-        let mut found: BTreeMap<u16, usize> = BTreeMap::new();
-        for (_, id, k) in pairs {
-            if !taken[k] && !found.contains_key(&id) {
-                taken[k] = true;
-                found.insert(id, k);
-            }
-        }
-        for (id, (now, centroid)) in &mut self.now {
-            *now = found.get(id).map(|k| objects[*k].id);
-            if let Some(k) = found.get(id) {
-                *centroid = Point3::from(objects[*k].centroid_m);
-            }
+        let pairs = self.now.iter().flat_map(|(id, (_, expected))| objects.iter().map(move |o| (distance_m(o, expected), *id, o)));
+        let found = nearest_first(pairs.filter(|(apart_m, ..)| *apart_m <= SAME_M).collect());
+        self.now.values_mut().for_each(|(now, _)| *now = None);
+        for (id, object) in found {
+            self.is_now(id, object);
         }
     }
 
@@ -125,7 +112,19 @@ pub(crate) fn edges_of(object: &ObjectSummary) -> [f64; 3] {
     edges
 }
 
-fn distance_m(object: &ObjectSummary, place: &Point3<f64>) -> f64 {
+/// Which of the objects that are seen is which, of pairs of one (first view's id) and what it may be with how far apart they are, metres: nearest pairs
+/// first, each of both once.
+pub(crate) fn nearest_first(mut pairs: Vec<(f64, u16, &ObjectSummary)>) -> Vec<(u16, &ObjectSummary)> {
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2.id).cmp(&(b.1, b.2.id))));
+    let (mut found, mut taken) = (BTreeSet::new(), BTreeSet::new());
+    pairs.retain(|(_, id, seen)| {
+        let is_free = !found.contains(id) && !taken.contains(&seen.id);
+        is_free && found.insert(*id) && taken.insert(seen.id)
+    });
+    pairs.into_iter().map(|(_, id, seen)| (id, seen)).collect()
+}
+
+pub(crate) fn distance_m(object: &ObjectSummary, place: &Point3<f64>) -> f64 {
     (Point3::from(object.centroid_m) - place).norm()
 }
 

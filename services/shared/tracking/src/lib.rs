@@ -7,6 +7,7 @@
 
 mod change;
 mod fate;
+mod followed;
 mod known;
 mod picture;
 #[cfg(test)]
@@ -18,7 +19,8 @@ use repose_proto::{GoalTerm, Scene};
 use repose_relations::{ObservedObject, observed};
 
 pub use change::{Change, changes};
-pub use fate::{Fate, Followed};
+pub use fate::Fate;
+pub use followed::Followed;
 pub use known::Known;
 
 /// Each term by rule on what is seen, for a viewer who looks along `view_yaw_rad`. A term about an object that is not seen does not hold.
