@@ -26,18 +26,16 @@ pub struct SupportArea {
 impl SupportArea {
     /// A surface from its outline; `None` when the outline has no area.
     pub fn new(height_m: f64, outline: &[Point2<f32>], object: Option<u16>) -> Option<Self> {
-        let corners: Vec<Point3<f32>> = outline.iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect();
-        Some(Self { height_m, footprint: Footprint::of(&corners)?, object, depth_m: None })
+        Some(Self { height_m, footprint: Footprint::of_places(outline.iter().copied())?, object, depth_m: None })
     }
 
     /// Moves its outline out at every corner (world frame) by as much to every side, metres.
     pub fn grow(&mut self, by_m: impl Fn(&Point3<f32>) -> f32) {
         let moved = |c: &Point2<f32>| {
             let by_m = by_m(&Point3::new(c.x, c.y, self.height_m as f32));
-            [[-by_m, -by_m], [by_m, -by_m], [by_m, by_m], [-by_m, by_m]].map(|[x, y]| Point3::new(c.x + x, c.y + y, 0.0))
+            [[-by_m, -by_m], [by_m, -by_m], [by_m, by_m], [-by_m, by_m]].map(|[x, y]| Point2::new(c.x + x, c.y + y))
         };
-        let corners: Vec<Point3<f32>> = self.footprint.corners().iter().flat_map(moved).collect();
-        if let Some(grown) = Footprint::of(&corners) {
+        if let Some(grown) = Footprint::of_places(self.footprint.corners().iter().flat_map(moved)) {
             self.footprint = grown;
         }
     }

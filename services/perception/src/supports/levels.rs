@@ -170,7 +170,7 @@ pub fn find(
         let joins = |level: &&mut Level| continues(level, piece, &plane, &own, &looked_at, noise, &viewpoint.camera, settings);
         match levels.iter_mut().find(joins) {
             Some(level) => {
-                level.outline = joint(&level.outline, &piece.outline).unwrap_or_else(|| level.outline.clone());
+                level.outline = level.outline.around_both(&piece.outline).unwrap_or_else(|| level.outline.clone());
                 level.seen_m2 += piece.seen_m2;
             }
             None => {
@@ -247,7 +247,7 @@ fn continues(
     if off_m > tolerance_m {
         return false;
     }
-    let Some(both) = joint(&level.outline, &piece.outline) else { return false };
+    let Some(both) = level.outline.around_both(&piece.outline) else { return false };
     let between = |at: &Point2<f32>| !level.outline.contains(at) && !piece.outline.contains(at) && both.margin(at) > 0.0;
     !is_seen_through(&level.plane, camera, looked_at, between, settings)
 }
@@ -256,9 +256,7 @@ fn continues(
 /// something there was seen below it.
 fn extend(level: &mut Level, viewpoint: &Viewpoint, looked_at: &[Point3<f32>], settings: &LevelSettings) {
     for corner in viewpoint.lower_corners_on(&level.plane).chain([viewpoint.camera.xy()]) {
-        let corners: Vec<Point3<f32>> =
-            level.extent.corners().iter().chain(std::iter::once(&corner)).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
-        let Some(wider) = Footprint::of(&corners) else { continue };
+        let Some(wider) = Footprint::of_places(level.extent.corners().iter().copied().chain([corner])) else { continue };
         let added = |at: &Point2<f32>| !level.extent.contains(at) && wider.margin(at) > 0.0;
         if !is_seen_through(&level.plane, &viewpoint.camera, looked_at, added, settings) {
             level.extent = wider;
@@ -287,12 +285,6 @@ fn is_seen_through(
         }
     }
     below as f32 > settings.max_below_share * all as f32
-}
-
-/// The common outline of two.
-fn joint(one: &Footprint, other: &Footprint) -> Option<Footprint> {
-    let corners: Vec<Point3<f32>> = one.corners().iter().chain(other.corners()).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
-    Footprint::of(&corners)
 }
 
 /// The mean of an outline's corners.

@@ -1,12 +1,12 @@
 //! The outline of the cells of a base that are carried.
 
-use nalgebra::{Point2, Point3};
+use nalgebra::Point2;
 use repose_geometry::Footprint;
 
 /// Carried cells, in the order of the base's rows.
 #[derive(Debug, Default)]
 pub struct Contact {
-    cells: Vec<Point3<f32>>,
+    cells: Vec<Point2<f32>>,
     /// Where each row begins, and where its cells are on the base.
     rows: Vec<(usize, f32)>,
 }
@@ -18,7 +18,7 @@ impl Contact {
         if self.rows.last().is_none_or(|(_, last_m)| *last_m != row_m) {
             self.rows.push((self.cells.len(), row_m));
         }
-        self.cells.push(Point3::new(place.x, place.y, 0.0));
+        self.cells.push(place);
     }
 
     /// How many cells.
@@ -38,7 +38,7 @@ impl Contact {
             [first, .., end] if i > 0 && i < last => [std::slice::from_ref(first), std::slice::from_ref(end)],
             all => [all, &[]],
         });
-        Footprint::of(corners.flatten())
+        Footprint::of_places(corners.flatten().copied())
     }
 }
 
@@ -63,12 +63,12 @@ mod tests {
                     if rng.random_range(0.0..1.0) < share {
                         let place = carry.place(&offset);
                         contact.add(offset.y, place);
-                        all.push(Point3::new(place.x, place.y, 0.0));
+                        all.push(place);
                     }
                 }
             }
             assert_eq!(contact.cell_count(), all.len());
-            assert_eq!(contact.outline(), Footprint::of(&all));
+            assert_eq!(contact.outline(), Footprint::of_places(all));
         }
     }
 }

@@ -171,19 +171,30 @@ impl Ground<'_> {
 
 /// By how much a candidate stands too badly.
 pub fn support_miss(footing: &Footing, query: &QueryObject, settings: &SupportSettings) -> Option<f64> {
-    // A thin object has no margin to give: half of what its own base allows is enough. Its cells may tell less than that of its base, and need not tell
-    // more of what carries it; where they are a line, as those of a pen, they tell no margin, and nearly all of them must be carried.
-    let half_m = 0.5 * query.base_margin_m;
-    let is_line = half_m > SAME_M && query.told_margin_m.is_none();
-    let told_m = query.told_margin_m.filter(|told_m| half_m > SAME_M && *told_m < half_m);
-    let allowed_m = told_m.map_or(half_m, |told_m| told_m.min(0.5 * told_m) - SAME_M);
-    let margin_miss_m = if is_line { 0.0 } else { (settings.min_margin_m.min(allowed_m) - footing.margin_or_far_m()).max(0.0) };
-    // An object may be set down on a smaller one. On furniture nothing may reach over an edge, nor over what is not known to be there.
-    let wanted_share = if is_line || footing.carrier.unwrap_or(0) == 0 { settings.min_carried_share } else { 0.0 };
+    let wanted_m = wanted_margin_m(query, settings);
+    let margin_miss_m = wanted_m.map_or(0.0, |wanted_m| (wanted_m - footing.margin_or_far_m()).max(0.0));
+    // An object may be set down on a smaller one, but for one whose margin nothing tells. On furniture nothing may reach over an edge, nor over what is
+    // not known to be there.
+    let wanted_share = if wanted_m.is_none() || footing.carrier.unwrap_or(0) == 0 { settings.min_carried_share } else { 0.0 };
     let miss = margin_miss_m * MISS_PER_METRE
         + (settings.min_seen_share - footing.seen_share).max(0.0)
         + (wanted_share - footing.carried_share).max(0.0);
     (miss > 0.0).then_some(miss)
+}
+
+/// The margin that what carries an object must give it, metres: a thin object has none to give, so that half of what its own base allows is enough. The
+/// cells of a base may tell less than that, and need not tell more of what carries it; where they are a line, as those of a pen, they tell none.
+fn wanted_margin_m(query: &QueryObject, settings: &SupportSettings) -> Option<f64> {
+    let half_m = 0.5 * query.base_margin_m;
+    let allowed_m = if half_m <= SAME_M {
+        half_m
+    } else {
+        match query.told_margin_m? {
+            told_m if told_m < half_m => told_m.min(0.5 * told_m) - SAME_M,
+            _ => half_m,
+        }
+    };
+    Some(settings.min_margin_m.min(allowed_m))
 }
 
 /// The top that was seen at a level over a cell.

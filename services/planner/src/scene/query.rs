@@ -119,8 +119,7 @@ pub fn doubt(cells: &mut [OutlineCell], outline: &Footprint, origin: &Point2<f32
     if *by == Vector2::zeros() {
         return 0;
     }
-    let swept: Vec<Point3<f32>> = outline.corners().iter().flat_map(|c| [*c, c + by]).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
-    let Some(swept) = Footprint::of(&swept) else { return 0 };
+    let Some(swept) = Footprint::of_places(outline.corners().iter().flat_map(|c| [*c, c + by])) else { return 0 };
     for cell in cells.iter_mut() {
         cell.doubtful = cell.inside_m < 0.0 && swept.margin(&(origin + cell.offset)) >= 0.0;
     }
@@ -129,12 +128,11 @@ pub fn doubt(cells: &mut [OutlineCell], outline: &Footprint, origin: &Point2<f32
 
 /// The outline of the cells of a base; none of a line, nor of what is no wider than half a cell.
 fn told_outline(base: &[OutlineCell], cell_m: f32) -> Option<Footprint> {
-    let cells: Vec<Point3<f32>> = base.iter().map(|c| Point3::new(c.offset.x, c.offset.y, 0.0)).collect();
     let is_wide = |outline: &Footprint| {
         let (min, max) = outline.bounds();
         outline.area() >= 0.5 * cell_m * (max - min).norm()
     };
-    Footprint::of(&cells).filter(is_wide)
+    Footprint::of_places(base.iter().map(|c| Point2::from(c.offset))).filter(is_wide)
 }
 
 /// Cells every `cell_m` in an outline and up to `ring_m` around it.

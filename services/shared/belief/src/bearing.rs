@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
 use crate::columns::cells_of;
 use crate::meeting::{Edges, Meeting};
-use crate::outlines::{bounds_gap_m, outline_gap_m};
+use crate::outlines::{are_clearly_apart, outline_gap_m};
 use crate::shape::Shape;
 use crate::standing::{ObservedGeometry, is_on, nth};
 
@@ -194,8 +194,7 @@ impl Pair<'_> {
         let (carrier, load) = (self.carrier.shape, self.load.shape);
         let mut outlines = carrier.slabs.iter().flat_map(|below| load.slabs.iter().map(move |above| (below, above)));
         let is_near = |below: &Footprint, above: &Footprint| {
-            // Most pairs are far apart, and seen to be so at less cost.
-            bounds_gap_m(below, above) <= APART_M + 0.001 && outline_gap_m(below.corners(), above.corners()) <= APART_M
+            !are_clearly_apart(below, above, APART_M) && outline_gap_m(below.corners(), above.corners()) <= APART_M
         };
         load.top_m > carrier.bottom_m && outlines.any(|(below, above)| is_near(&below.outline, &above.outline))
     }

@@ -29,8 +29,16 @@ pub fn outline_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
     from(a, b).min(from(b, a))
 }
 
+/// Room for rounding where boxes tell of outlines, metres.
+const ROUNDING_M: f32 = 0.001;
+
+/// Whether the boxes around two outlines say at little cost that the outlines are farther apart than so much, metres.
+pub fn are_clearly_apart(a: &Footprint, b: &Footprint, by_m: f32) -> bool {
+    bounds_gap_m(a, b) > by_m + ROUNDING_M
+}
+
 /// How far apart the boxes around two outlines are along x or y, whichever is more, metres: the outlines are no nearer. Not positive where they overlap.
-pub fn bounds_gap_m(a: &Footprint, b: &Footprint) -> f32 {
+fn bounds_gap_m(a: &Footprint, b: &Footprint) -> f32 {
     let ((min, max), (other_min, other_max)) = (a.bounds(), b.bounds());
     (min - other_max).sup(&(other_min - max)).max()
 }

@@ -151,9 +151,7 @@ impl Shape {
 
     /// The shape of something that is known to reach to more places, seen from above. None where its outline vanishes.
     pub fn reaching(&self, places: &[Point2<f32>]) -> Option<Self> {
-        let with = |outline: &Footprint| {
-            Footprint::of(&outline.corners().iter().chain(places).map(|c| Point3::new(c.x, c.y, 0.0)).collect::<Vec<_>>())
-        };
+        let with = |outline: &Footprint| Footprint::of_places(outline.corners().iter().chain(places).copied());
         let slabs: Vec<Slab> = self.slabs.iter().map(|s| Some(Slab { outline: with(&s.outline)?, ..s.clone() })).collect::<Option<_>>()?;
         let (before, top) = (&self.slabs.last()?.outline, &slabs.last()?.outline);
         let reach_m = |outline: &Footprint, back: &Vector2<f32>| span(outline.corners(), back)[1];
@@ -180,10 +178,7 @@ impl Shape {
 
     /// The shape with all that its back may be. None where an outline vanishes.
     pub fn with_doubt(&self) -> Option<Self> {
-        let swept = |outline: &Footprint| {
-            let corners = outline.corners().iter().flat_map(|c| [*c, c + self.doubt]);
-            Footprint::of(&corners.map(|c| Point3::new(c.x, c.y, 0.0)).collect::<Vec<_>>())
-        };
+        let swept = |outline: &Footprint| Footprint::of_places(outline.corners().iter().flat_map(|c| [*c, c + self.doubt]));
         let slabs = self.slabs.iter().map(|slab| Some(Slab { outline: swept(&slab.outline)?, ..slab.clone() })).collect::<Option<_>>()?;
         Some(Self { slabs, ..self.clone() })
     }
@@ -224,9 +219,9 @@ fn stretched(outline: &Footprint, axis: &Point2<f32>, by: &[(Vector2<f32>, f32);
     let halves = by.map(|(along, by_m)| (along, by_m / half_m(&along)));
     let moved = |c: &Point2<f32>| {
         let away = halves.iter().map(|(along, share)| along * ((c - axis).dot(along) * share)).sum::<Vector2<f32>>();
-        Point3::new(c.x + away.x, c.y + away.y, 0.0)
+        c + away
     };
-    Footprint::of(&outline.corners().iter().map(moved).collect::<Vec<_>>())
+    Footprint::of_places(outline.corners().iter().map(moved))
 }
 
 /// What the prisms of a shape are made of.
@@ -250,7 +245,7 @@ fn merged(slabs: Vec<Slab>, same_area_ratio: f32) -> Vec<Slab> {
     // What the slabs of the last prism cover together.
     let mut covered: Option<Footprint> = None;
     for slab in slabs {
-        let with_it = covered.as_ref().and_then(|covered| around_both(covered, &slab.outline));
+        let with_it = covered.as_ref().and_then(|covered| covered.around_both(&slab.outline));
         match (out.last_mut(), with_it) {
             (Some(last), Some(with_it)) if are_alike(&last.outline, &slab.outline, &with_it, same_area_ratio) => {
                 if slab.outline.area() > last.outline.area() {
@@ -272,11 +267,6 @@ fn merged(slabs: Vec<Slab>, same_area_ratio: f32) -> Vec<Slab> {
 fn are_alike(a: &Footprint, b: &Footprint, together: &Footprint, ratio: f32) -> bool {
     let (smaller, larger) = (a.area().min(b.area()), a.area().max(b.area()));
     smaller >= ratio * larger && larger >= ratio * together.area()
-}
-
-fn around_both(a: &Footprint, b: &Footprint) -> Option<Footprint> {
-    let corners: Vec<Point3<f32>> = a.corners().iter().chain(b.corners()).map(|c| Point3::new(c.x, c.y, 0.0)).collect();
-    Footprint::of(&corners)
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Aabb, Footprint, cloud};
 
 use crate::columns::{ColumnMap, cells_of};
-use crate::outlines::bounds_gap_m;
+use crate::outlines::are_clearly_apart;
 use crate::plane::SupportPlane;
 use crate::settings::{BeliefSettings, StackSettings};
 use crate::shape::{Shape, Slab};
@@ -266,8 +266,8 @@ pub(crate) fn nth(mut values: Vec<f32>, n: usize) -> Option<f32> {
 /// Whether one shape stands on another or in it: its bottom is within reach of the other's top, and enough of its base is over it.
 pub(crate) fn is_on(above: &Shape, below: &Shape, columns: &ColumnMap, settings: &StackSettings) -> bool {
     let height_fits = above.bottom_m > below.bottom_m + settings.step_m && above.bottom_m <= below.top_m + settings.contact_m;
-    let is_apart = |slab: &&Slab| bounds_gap_m(&above.base, &slab.outline) > 0.001;
-    let Some(top) = below.slabs.last().filter(|slab| height_fits && !is_apart(slab)) else { return false };
+    let may_meet = |slab: &&Slab| height_fits && !are_clearly_apart(&above.base, &slab.outline, 0.0);
+    let Some(top) = below.slabs.last().filter(may_meet) else { return false };
     let (mut cells, mut over) = (0usize, 0usize);
     for center in cells_of(&above.base, 0.0, columns) {
         cells += 1;

@@ -13,9 +13,19 @@ pub struct Footprint {
 impl Footprint {
     /// The convex hull of the points' (x, y) (Andrew's monotone chain); `None` with fewer than three corners.
     pub fn of<'a>(points: impl IntoIterator<Item = &'a Point3<f32>>) -> Option<Self> {
-        let mut xy: Vec<Point2<f32>> = points.into_iter().map(Point3::xy).collect();
+        Self::of_places(points.into_iter().map(Point3::xy))
+    }
+
+    /// The same of places seen from above.
+    pub fn of_places(places: impl IntoIterator<Item = Point2<f32>>) -> Option<Self> {
+        let mut xy: Vec<Point2<f32>> = places.into_iter().collect();
         drop_inner(&mut xy);
         Self::hull(&xy)
+    }
+
+    /// The common outline of two; `None` where rounding leaves none.
+    pub fn around_both(&self, other: &Self) -> Option<Self> {
+        Self::of_places(self.corners.iter().chain(&other.corners).copied())
     }
 
     /// The convex hull of some points.
@@ -46,8 +56,7 @@ impl Footprint {
 
     /// The hull of a surface's outline as scenes carry it, world x and y, metres; `None` for a line.
     pub fn of_outline(outline_m: &[[f64; 2]]) -> Option<Self> {
-        let corners: Vec<Point3<f32>> = outline_m.iter().map(|[x, y]| Point3::new(*x as f32, *y as f32, 0.0)).collect();
-        Self::of(&corners)
+        Self::of_places(outline_m.iter().map(|[x, y]| Point2::new(*x as f32, *y as f32)))
     }
 
     /// The corners, counter-clockwise.
