@@ -31,11 +31,14 @@
 //! - [`weights`] reads and writes the file; [`Weights::initial`] makes an untrained one from a seed.
 
 mod ball_query;
+pub mod completion;
 pub mod config;
 pub mod crops;
 pub mod discriminator;
+mod feature_map;
 mod fused;
 pub mod kernel;
+mod layer_file;
 pub mod layers;
 pub mod masks;
 pub mod neighbours;

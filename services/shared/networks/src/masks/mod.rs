@@ -6,7 +6,6 @@
 //! connectomics challenge", 2017); that depth alone carries over from simulated to real pictures is what UOIS-Net (Xie et al., "Unseen Object
 //! Instance Segmentation for Robotic Environments", T-RO 2021) showed. Trained by `scripts/train_masks.py`, served on the kernels.
 
-mod feature_map;
 mod inputs;
 mod network;
 

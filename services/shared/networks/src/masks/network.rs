@@ -10,18 +10,14 @@
 //!
 //! `+` adds a layer's output to its input. Norms are folded into the convolutions (`scripts/train_masks.py` trains and exports).
 
-use std::collections::HashMap;
-
-use candle_core::{DType, Device, Tensor};
-use safetensors::SafeTensors;
-
-use super::feature_map::FeatureMap;
 use super::inputs::{CHANNELS, MaskInputs};
+use crate::feature_map::FeatureMap;
 use crate::kernel::{Kernel, PackedLinear};
+use crate::layer_file::LayerFile;
 use crate::weights::WeightsError;
 
-/// The metadata's entry that names the format.
-const FORMAT: (&str, &str) = ("format", "repose-masks-1");
+/// The format of its weights file.
+const FORMAT: &str = "repose-masks-1";
 /// Channels at ½, ¼, ⅛ and 1/16 of the picture.
 const WIDTHS: [usize; 4] = [48, 64, 128, 192];
 /// Outputs of a pixel: object, and one for each of [`OFFSETS`].
@@ -72,13 +68,8 @@ impl MaskNetwork {
     /// # Errors
     /// [`WeightsError::Malformed`] when the file is of another format, a tensor is missing or of another shape, or a value is not finite.
     pub fn load(bytes: &[u8], kernel: Kernel) -> Result<Self, WeightsError> {
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| malformed("header", e.to_string()))?;
-        let format = header.metadata().as_ref().and_then(|entries| entries.get(FORMAT.0));
-        if format.is_none_or(|format| format != FORMAT.1) {
-            return Err(malformed(FORMAT.0, format!("expected {:?}, got {format:?}", FORMAT.1)));
-        }
-        let tensors = candle_core::safetensors::load_buffer(bytes, &Device::Cpu)?;
-        let layer = |name: &str, shape: &[usize]| packed(&tensors, &format!("masks/{name}"), shape);
+        let file = LayerFile::read(bytes, FORMAT)?;
+        let layer = |name: &str, shape: &[usize]| file.layer(&format!("masks/{name}"), shape);
         let [a, b, c, d] = WIDTHS;
         let square = |name: &str, inputs: usize, outputs: usize| layer(name, &[outputs, 3, 3, inputs]);
         Ok(Self {
@@ -144,26 +135,4 @@ fn unfolded(map: &FeatureMap, inputs: &MaskInputs) -> MaskLogits {
         }
     }
     MaskLogits { width: inputs.width, height: inputs.height, pixels }
-}
-
-/// A layer's weight of this shape, outputs first, and its bias.
-fn packed(tensors: &HashMap<String, Tensor>, path: &str, shape: &[usize]) -> Result<PackedLinear, WeightsError> {
-    let (outputs, inputs) = (shape[0], shape[1..].iter().product());
-    let read = |part: &str, shape: &[usize]| {
-        let name = format!("{path}/{part}");
-        let tensor = tensors.get(&name).ok_or_else(|| malformed(&name, "this tensor is missing".to_owned()))?;
-        if tensor.dims() != shape {
-            return Err(malformed(&name, format!("expected shape {shape:?}, got {:?}", tensor.dims())));
-        }
-        let values = tensor.to_dtype(DType::F32)?.flatten_all()?.to_vec1::<f32>()?;
-        match values.iter().position(|v| !v.is_finite()) {
-            Some(i) => Err(malformed(&name, format!("entry {i} is not finite"))),
-            None => Ok(values),
-        }
-    };
-    Ok(PackedLinear::new(inputs, outputs, &read("weight", shape)?, &read("bias", &[outputs])?))
-}
-
-fn malformed(field: &str, reason: String) -> WeightsError {
-    WeightsError::Malformed { field: field.to_owned(), reason }
 }

@@ -6,7 +6,7 @@ use crate::kernel::{Kernel, PackedLinear};
 
 /// `[rows + 2, columns + 2, channels]`, the rim zero: a convolution then needs no cases at the border.
 #[derive(Debug, Clone)]
-pub(super) struct FeatureMap {
+pub(crate) struct FeatureMap {
     pub rows: usize,
     pub columns: usize,
     pub channels: usize,

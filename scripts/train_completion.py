@@ -1,0 +1,246 @@
+#!/usr/bin/env python3
+"""Trains the network that completes shapes (services/shared/networks/README.md has the recipe) on shards of `repose generate --completion`.
+
+    train_completion.py --data DIR --checkpoint completion.pt --epochs 10
+    train_completion.py --checkpoint completion.pt --export weights.safetensors
+    train_completion.py --weights weights.safetensors --golden golden.json
+
+Objects are mirrored in half of the steps: left and right of the line of sight are alike. Needs torch, numpy and safetensors; one core is enough.
+"""
+import argparse, json, time
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from safetensors.numpy import load_file, save_file
+from torch import Tensor, nn
+
+SIDE, SLABS, OF_SLAB, OF_OBJECT = 24, 8, 6, 5
+CHANNELS = SLABS * OF_SLAB + OF_OBJECT
+WIDTHS = (32, 64, 96)
+HELD_OUT = 0.08  # the share of the objects, the last ones, that figures are told of
+
+
+# ---- objects
+
+class Objects:
+    """All objects of some folders of shards."""
+
+    def __init__(self, folders: list[Path]):
+        shards = [load_file(path) for folder in folders for path in sorted(folder.glob("completion-*.safetensors"))]
+        self.cells, self.objects, self.filled = (np.concatenate([shard[name] for shard in shards]) for name in ("cells", "objects", "filled"))
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def batch(self, indices: np.ndarray, mirrored: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """What was seen [batch, CHANNELS, SIDE, SIDE] and how much of each cell's slabs is filled [batch, SLABS, SIDE, SIDE]."""
+        cells = torch.from_numpy(self.cells[indices].astype(np.float32) / 127).permute(0, 3, 1, 2)
+        objects = torch.from_numpy(self.objects[indices])[:, :, None, None].expand(-1, -1, SIDE, SIDE)
+        filled = torch.from_numpy(self.filled[indices].astype(np.float32) / 3).permute(0, 3, 1, 2)
+        seen = torch.cat([cells, objects], 1)
+        if mirrored is None:
+            return seen, filled
+        flip = lambda x: torch.where(mirrored[:, None, None, None], x.flip(3), x)
+        return flip(seen), flip(filled)
+
+
+# ---- the network; services/shared/networks/src/completion.rs computes the same
+
+class Convolution(nn.Module):
+    """3 x 3 or 1 x 1, batch norm, ReLU."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1, size: int = 3, relu: bool = True):
+        super().__init__()
+        self.convolution = nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False)
+        self.norm, self.relu = nn.BatchNorm2d(outputs), relu
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = self.norm(self.convolution(x))
+        return F.relu(x) if self.relu else x
+
+    def folded(self) -> tuple[Tensor, Tensor]:
+        """Weight [outputs, rows, columns, inputs] and bias with the norm in them."""
+        factor = self.norm.weight / (self.norm.running_var + self.norm.eps).sqrt()
+        weight = self.convolution.weight * factor[:, None, None, None]
+        return weight.permute(0, 2, 3, 1), self.norm.bias - self.norm.running_mean * factor
+
+
+class CompletionNetwork(nn.Module):
+    """What was seen → logits [batch, SLABS, SIDE, SIDE] of cells that the object fills."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        a, b, c = WIDTHS
+        self.stem, self.same0 = Convolution(CHANNELS, a), Convolution(a, a)
+        self.down1, self.same1 = Convolution(a, b, 2), Convolution(b, b)
+        self.down2, self.same2, self.same2b = Convolution(b, c, 2), Convolution(c, c), Convolution(c, c)
+        self.whole = nn.Linear(c, c)
+        self.narrow1, self.join1 = Convolution(c, b, size=1, relu=False), Convolution(b, b)
+        self.narrow0, self.join0 = Convolution(b, a, size=1, relu=False), Convolution(a, a)
+        self.head = nn.Conv2d(a, SLABS, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        x0 = self.stem(x)
+        x0 = x0 + self.same0(x0)
+        x1 = self.down1(x0)
+        x1 = x1 + self.same1(x1)
+        x2 = self.down2(x1)
+        x2 = x2 + self.same2(x2)
+        x2 = x2 + F.relu(self.whole(x2.mean((2, 3))))[:, :, None, None]
+        x2 = x2 + self.same2b(x2)
+        twice = lambda x: F.interpolate(x, scale_factor=2, mode="nearest")
+        x1 = F.relu(x1 + twice(self.narrow1(x2)))
+        x1 = x1 + self.join1(x1)
+        x0 = F.relu(x0 + twice(self.narrow0(x1)))
+        x0 = x0 + self.join0(x0)
+        return self.head(x0)
+
+
+# ---- training
+
+def train(args: argparse.Namespace) -> None:
+    torch.manual_seed(args.seed)
+    rng = np.random.default_rng(args.seed)
+    objects = Objects(args.data)
+    learned = np.arange(int(len(objects) * (1 - HELD_OUT)))
+    held_out = np.arange(len(learned), len(objects))
+    per_epoch = len(learned) // args.batch
+    total = max(int(per_epoch * args.epochs), 1)
+    network = CompletionNetwork()
+    optimiser = torch.optim.AdamW(network.parameters(), lr=args.rate, weight_decay=1e-3)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, args.rate, total_steps=total + 1, pct_start=0.1)
+    first = 0
+    if args.checkpoint.exists():
+        saved = torch.load(args.checkpoint, weights_only=True)
+        if saved["total"] != total:
+            raise SystemExit(f"{args.checkpoint}: of a run of {saved['total']} steps, expected {total}: take another file or the same data and --epochs")
+        network.load_state_dict(saved["network"])
+        optimiser.load_state_dict(saved["optimiser"])
+        schedule.load_state_dict(saved["schedule"])
+        first = saved["step"]
+        rng = np.random.default_rng(args.seed + first)
+    order, losses, start = rng.permutation(learned), [], time.time()
+    for step in range(first, total):
+        network.train()
+        at = (step % per_epoch) * args.batch
+        if at == 0:
+            order = rng.permutation(learned)
+        seen, filled = objects.batch(np.sort(order[at:at + args.batch]), torch.from_numpy(rng.random(args.batch) < 0.5))
+        loss = F.binary_cross_entropy_with_logits(network(seen), filled)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+        losses.append(loss.item())
+        done = step + 1
+        if done % 100 == 0:
+            print(json.dumps({"step": done, "of": total, "loss": round(float(np.mean(losses[-100:])), 4), "seconds": round(time.time() - start)}), flush=True)
+        if done % per_epoch == 0 or done == total:
+            print(json.dumps({"held_out": figures(network, objects, held_out)}), flush=True)
+            unfinished = args.checkpoint.with_name(args.checkpoint.name + ".tmp")
+            state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "schedule": schedule.state_dict()}
+            torch.save({**state, "step": done, "total": total, "objects": len(learned)}, unfinished)
+            unfinished.replace(args.checkpoint)
+
+
+@torch.no_grad()
+def figures(network: CompletionNetwork, objects: Objects, indices: np.ndarray) -> dict[str, float | list[list[float]]]:
+    """Loss, and the share of what is likelier than not or true that is both: of the network, and of the rules that it is told of."""
+    network.eval()
+    loss, overlaps = 0.0, np.zeros(2)
+    said: list[np.ndarray] = []
+    true: list[np.ndarray] = []
+    for part in np.array_split(indices, max(len(indices) // 128, 1)):
+        seen, filled = objects.batch(part)
+        logits = network(seen)
+        loss += float(F.binary_cross_entropy_with_logits(logits, filled, reduction="sum"))
+        rules = seen[:, :SLABS * OF_SLAB].unflatten(1, (SLABS, OF_SLAB))[:, :, -1] > 0.5
+        for k, guess in enumerate((logits > 0, rules)):
+            both, either = (f(guess, filled > 0.5).sum((1, 2, 3)) for f in (torch.logical_and, torch.logical_or))
+            overlaps[k] += float((both / either.clamp_min(1)).sum())
+        said.append(torch.sigmoid(logits[:, :, ::3, ::3]).flatten().numpy())
+        true.append(filled[:, :, ::3, ::3].flatten().numpy())
+    said_all, true_all = np.concatenate(said), np.concatenate(true)
+    tenth = np.minimum((said_all * 10).astype(int), 9)
+    calibration = [[round(float(x[tenth == k].mean()), 3) for x in (said_all, true_all)] for k in range(10) if (tenth == k).any()]
+    count = max(len(indices), 1)
+    per_cell = loss / (count * SLABS * SIDE * SIDE)
+    return {"loss": round(per_cell, 4), "overlap": round(overlaps[0] / count, 4), "overlap_of_rules": round(overlaps[1] / count, 4), "said_and_true": calibration}
+
+
+def export(args: argparse.Namespace) -> None:
+    """Weights with norms folded in, in half precision."""
+    saved = torch.load(args.checkpoint, map_location="cpu", weights_only=True)
+    network = CompletionNetwork()
+    network.load_state_dict(saved["network"])
+    network.eval()
+    tensors = {}
+    for name, module in network.named_children():
+        if isinstance(module, Convolution):
+            weight, bias = module.folded()
+        else:
+            weight, bias = module.weight, module.bias
+            weight = weight.permute(0, 2, 3, 1) if weight.dim() == 4 else weight
+        for part, values in (("weight", weight), ("bias", bias)):
+            tensors[f"completion/{name}/{part}"] = values.detach().half().contiguous().numpy()
+    metadata = {"format": "repose-completion-1", "steps": str(saved["step"]), "objects": str(saved["objects"]), "torch": torch.__version__, "recipe": args.recipe}
+    save_file(tensors, args.export, metadata)
+
+
+# ---- what the test in Rust compares with
+
+def by_formula() -> Tensor:
+    """Cells [1, CHANNELS, SIDE, SIDE] that the test in Rust makes too."""
+    c, row, cell = torch.meshgrid(torch.arange(CHANNELS), torch.arange(SIDE), torch.arange(SIDE), indexing="ij")
+    return (((7 * row + 3 * cell + 5 * c) % 11).float() / 11 - 0.3)[None]
+
+
+def stored(path: Path) -> CompletionNetwork:
+    """The network with exported weights."""
+    tensors, network = load_file(path), CompletionNetwork()
+    with torch.no_grad():
+        for name, module in network.named_children():
+            weight, bias = (torch.from_numpy(tensors[f"completion/{name}/{part}"]).float() for part in ("weight", "bias"))
+            weight = weight.permute(0, 3, 1, 2) if weight.dim() == 4 else weight
+            if isinstance(module, Convolution):
+                module.convolution.weight.copy_(weight)
+                module.norm.bias.copy_(bias)
+                module.norm.eps = 1e-12  # the norm is in the weights already
+            else:
+                module.weight.copy_(weight)
+                module.bias.copy_(bias)
+    return network.eval()
+
+
+@torch.no_grad()
+def golden(args: argparse.Namespace) -> None:
+    """How likely every seventh cell is filled, slab by slab, by exported weights on the formula's cells."""
+    filled = torch.sigmoid(stored(args.weights)(by_formula()))[0].flatten(1)[:, ::7].tolist()
+    args.golden.write_text(json.dumps([[round(value, 5) for value in slab] for slab in filled]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, action="append", default=[], help="a folder of shards; the last objects are held out")
+    parser.add_argument("--checkpoint", type=Path, default=Path("completion.pt"), help="where the state is kept after each epoch, and gone on from if it is there")
+    parser.add_argument("--epochs", type=float, default=10)
+    parser.add_argument("--batch", type=int, default=64)
+    parser.add_argument("--rate", type=float, default=2e-3, help="highest learning rate")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--export", type=Path, help="write the weights here instead of training")
+    parser.add_argument("--weights", type=Path, help="exported weights, for --golden")
+    parser.add_argument("--golden", type=Path, help="write what they say of cells by formula here, for the test in Rust")
+    parser.add_argument("--recipe", default="", help="kept in the weights' metadata")
+    args = parser.parse_args()
+    if args.golden:
+        golden(args)
+    elif args.export:
+        export(args)
+    else:
+        train(args)
+
+
+if __name__ == "__main__":
+    main()
