@@ -74,7 +74,7 @@ impl<'a> Worlds<'a> {
         let held = match heeded {
             Heeded::Everything => scene.belief.whole(query, settings.held_spacing_m, 0.0),
             Heeded::Obstacles | Heeded::Held => {
-                let far = shape.map_or_else(Vec::new, |shape| far_side(object, &shape.axis));
+                let far = shape.map_or_else(Vec::new, |shape| far_side(object, &shape.turn_axis));
                 voxel_downsampled(&[object, &far].concat(), settings.held_spacing_m)
             }
         };

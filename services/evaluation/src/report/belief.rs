@@ -5,8 +5,20 @@ use crate::tables::belief::{BeliefTable, ErrorSpread};
 
 /// The table for people.
 pub fn text_of(table: &BeliefTable) -> String {
-    let mut rows =
-        text::table(["kind", "objects", "bottom", "far side", "near side", "axis away", "across", "in doubt", "outline", "volume"]);
+    let mut rows = text::table([
+        "kind",
+        "objects",
+        "bottom",
+        "far side",
+        "near side",
+        "mass away",
+        "across",
+        "in doubt",
+        "base",
+        "outline",
+        "prisms",
+        "volume",
+    ]);
     for (name, row) in &table.rows {
         let error = |e: &ErrorSpread| format!("{:+.1} {:.1} {:.1}", e.middle, e.p50, e.p90);
         rows.add_row([
@@ -18,7 +30,9 @@ pub fn text_of(table: &BeliefTable) -> String {
             error(&row.axis_away_mm),
             error(&row.axis_across_mm),
             format!("{:.1} %", row.within_doubt * 100.0),
+            format!("{:.3}", row.base_overlap),
             format!("{:.3}", row.outline_overlap),
+            format!("{:.3}", row.prism_overlap),
             format!("{:.3}", row.volume_overlap),
         ]);
     }
@@ -33,10 +47,10 @@ pub fn text_of(table: &BeliefTable) -> String {
 /// The columns, in their order.
 const LEGEND: [(&str, &str); 7] = [
     ("bottom, far side, near side", "errors in mm, believed less true: median with its sign, median and 90th percentile of their sizes"),
-    ("axis away, across", "the same of the upright axis, away from the camera and across"),
+    ("mass away, across", "the same of the centre of mass, away from the camera and across"),
     ("in doubt", "objects that end within what is said to be possible on the far side"),
-    ("outline", "what the believed and the true outline, seen from above, have in common, as a share of both together"),
-    ("volume", "the same of volumes"),
+    ("base, outline", "what the believed and the true one, seen from above, have in common, as a share of both together"),
+    ("prisms, volume", "the same of the prisms that are believed, and of those around the true shape or its volume"),
     (
         "bearers",
         "objects on which another lies that the camera saw: of these, those believed to bear something; of those believed to, these",

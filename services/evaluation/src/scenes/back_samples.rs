@@ -9,8 +9,9 @@ use repose_planner::PreparedScene;
 use repose_simulator::scene::SceneObject;
 use serde::{Deserialize, Serialize};
 
-use crate::scenes::believed::{MIN_POINTS, true_corners};
+use crate::scenes::believed::MIN_POINTS;
 use crate::scenes::training_views::TrainingViews;
+use crate::scenes::true_objects::true_corners;
 
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 800_000_000;

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::Isometry3;
+use repose_belief::BeliefSettings;
 use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
@@ -41,6 +42,8 @@ pub struct PlannerSceneSettings {
     pub perturbation: Option<Perturbation>,
     /// Whose true shapes are known.
     pub known_shapes: Option<KnownShapes>,
+    /// Whether the network completes the shapes of the others, not the rules.
+    pub learned_shapes: bool,
     /// How hard true answers are searched.
     pub truth: TruthSettings,
     /// How a release is simulated.
@@ -55,6 +58,7 @@ impl Default for PlannerSceneSettings {
             answers: 8,
             perturbation: None,
             known_shapes: None,
+            learned_shapes: false,
             truth: TruthSettings::default(),
             release: ReleaseSettings::default(),
         }
@@ -283,7 +287,8 @@ pub fn try_scene(
     };
     let scene = Arc::new(seen.observed.clone());
     let models = OneScene::new(engine, scene.clone()).with_forecasts(forecasts);
-    let prepared = PreparedScene::with_id(scene, models.scene_id().to_owned());
+    let belief = if settings.learned_shapes { BeliefSettings::with_network() } else { BeliefSettings::default() };
+    let prepared = PreparedScene::with_settings(scene, models.scene_id().to_owned(), &belief);
     let prepared = settings.known_shapes.map(|known| known.in_scene(&prepared, &problem.truth, problem.query)).unwrap_or(prepared);
     let (mut trials, mut results) = (Vec::new(), Vec::new());
     for &variant in &settings.variants {

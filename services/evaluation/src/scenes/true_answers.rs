@@ -15,9 +15,9 @@ use repose_relations::directional::directional_margins;
 use repose_simulator::release::{ReleaseSettings, Surroundings, Thing, released};
 use repose_simulator::render::picture;
 
-use crate::scenes::believed::{CELL_M, cells};
 use crate::scenes::outcome::{OTHERS_MOVED_M, PENETRATION_M, TILT_RAD, judge};
 use crate::scenes::problem::Problem;
+use crate::scenes::true_objects::{CELL_M, cells};
 
 /// How hard the truth is searched.
 #[derive(Debug, Clone, Copy, PartialEq)]

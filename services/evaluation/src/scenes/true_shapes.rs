@@ -1,21 +1,10 @@
 //! The true shapes of objects, in the form in which shapes are believed: what planning would come to if no more were hidden of objects.
 
-use nalgebra::{Point2, Point3, Vector2, Vector3};
-use repose_belief::shape::{Shape, Slab};
-use repose_geometry::{Aabb, Footprint};
 use repose_planner::PreparedScene;
-use repose_simulator::contact::PlacedParts;
-use repose_simulator::scene::{SceneObject, SimulatedScene};
+use repose_simulator::scene::SimulatedScene;
 use serde::Serialize;
 
-use crate::scenes::believed::{CELL_M, cells, true_corners};
-
-/// Height of a prism, metres, …
-const SLAB_M: f32 = 0.015;
-/// … of which there are at most so many.
-const MAX_SLABS: usize = 8;
-/// What is this far above an object's lowest point touches what it stands on, metres.
-const BASE_M: f32 = 0.006;
+use crate::scenes::true_objects::true_shape;
 
 /// Whose shapes are known in place of believed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -59,43 +48,17 @@ impl KnownShapes {
     }
 }
 
-/// The true shape of an object of which the points that were seen have a centroid; none of one that is smaller than a cell.
-fn true_shape(object: &SceneObject, centroid: Point3<f64>) -> Option<Shape> {
-    let bounds = Aabb::of(&true_corners(object))?;
-    let solid = PlacedParts::new(&object.shape.parts, &object.world_from_object)?;
-    let filled: Vec<Point3<f32>> = cells(&bounds).filter(|cell| solid.contains(cell)).collect();
-    let middle = filled.iter().map(|p| p.coords).sum::<Vector3<f32>>() / filled.len().max(1) as f32;
-    let (bottom_m, top_m) = (bounds.min.z, bounds.max.z);
-    let outline = |low_m: f32, high_m: f32| {
-        let within = filled.iter().filter(|p| (low_m..=high_m).contains(&p.z));
-        let corners = [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]].map(|[x, y]| Vector3::new(x, y, 0.0) * (CELL_M / 2.0));
-        Footprint::of(&within.flat_map(|p| corners.map(|corner| p + corner)).collect::<Vec<_>>())
-    };
-    let count = (((top_m - bottom_m) / SLAB_M) as usize).clamp(1, MAX_SLABS);
-    let height_m = |k: usize| bottom_m + (top_m - bottom_m) * k as f32 / count as f32;
-    let slab = |k: usize| Some(Slab { low_m: height_m(k), high_m: height_m(k + 1), outline: outline(height_m(k), height_m(k + 1))? });
-    Some(Shape {
-        centroid,
-        axis: Point2::from(middle.xy()),
-        bottom_m,
-        top_m,
-        slabs: (0..count).map(slab).collect::<Option<_>>()?,
-        base: outline(bottom_m, bottom_m + BASE_M)?,
-        doubt: Vector2::zeros(),
-        foot_probability: 1.0,
-        foot_doubt_m: 0.0,
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
 
     use rand_pcg::Pcg64;
+    use repose_geometry::Aabb;
     use repose_simulator::scene::scene_of_seed;
 
     use super::*;
     use crate::scenes::problem::{CameraView, ProblemSettings};
+    use crate::scenes::true_objects::{CELL_M, true_corners};
 
     #[test]
     fn what_is_known_ends_where_the_object_does_and_what_is_not_stays_as_it_was_believed() {

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use repose_belief::BeliefSettings;
 use repose_dataset::Split;
 use repose_networks::serving::spread;
 use repose_simulator::scene::{KindWeights, SceneKind};
@@ -28,6 +29,8 @@ pub struct BeliefTableSettings {
     pub scenes: usize,
     /// Whether masks are found by perception, not given.
     pub masks_found: bool,
+    /// How objects are believed.
+    pub belief: BeliefSettings,
     /// Threads.
     pub threads: usize,
 }
@@ -43,14 +46,18 @@ pub struct BeliefRow {
     pub far_mm: ErrorSpread,
     /// Of where the near side ends.
     pub near_mm: ErrorSpread,
-    /// Of the axis, away from the camera.
+    /// Of the centre of mass, away from the camera.
     pub axis_away_mm: ErrorSpread,
-    /// Of the axis, across.
+    /// Of the centre of mass, across.
     pub axis_across_mm: ErrorSpread,
     /// Share of the objects that do not reach farther than their doubt says, 5 mm aside.
     pub within_doubt: f64,
+    /// The overlap of bases, on average.
+    pub base_overlap: f64,
     /// The overlap of outlines, on average.
     pub outline_overlap: f64,
+    /// The overlap of prisms, on average.
+    pub prism_overlap: f64,
     /// The overlap of volumes, on average.
     pub volume_overlap: f64,
 }
@@ -105,7 +112,7 @@ pub fn belief_table(settings: &BeliefTableSettings, progress: impl Fn(usize) + S
         let mut problem = settings.problem.clone();
         problem.scene.kinds = KindWeights::only(settings.kinds[index / settings.scenes]);
         let seed = settings.first.checked_add((index % settings.scenes) as u64).and_then(|scene| settings.split.seed(scene));
-        let believed = seed.and_then(|seed| believed_objects(seed, &problem, settings.masks_found));
+        let believed = seed.and_then(|seed| believed_objects(seed, &problem, settings.masks_found, &settings.belief));
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
         believed
     };
@@ -140,7 +147,9 @@ impl BeliefRow {
             axis_away_mm: errors(|o| o.axis_away_m),
             axis_across_mm: errors(|o| o.axis_across_m),
             within_doubt: mean(|o| f32::from(u8::from(o.far_m + o.doubt_m >= -DOUBT_SLACK_M))),
+            base_overlap: mean(|o| o.base_overlap),
             outline_overlap: mean(|o| o.outline_overlap),
+            prism_overlap: mean(|o| o.prism_overlap),
             volume_overlap: mean(|o| o.volume_overlap),
         }
     }

@@ -35,7 +35,7 @@ impl Belief {
         let Some(object) = self.objects.get(&id) else { return Vec::new() };
         let seen = cloud::voxel_downsampled(&object.points, spacing_m);
         let Some(shape) = &object.shape else { return seen };
-        let far = far_side(&seen, &shape.axis);
+        let far = far_side(&seen, &shape.turn_axis);
         let mut whole: Vec<Point3<f32>> = seen.into_iter().chain(far.into_iter().filter(|p| !self.view.is_free(p))).collect();
         if let Some(outline) = Footprint::of(&whole) {
             let rim = whole.iter().filter(|p| outline.margin(&p.xy()) < spacing_m);

@@ -37,6 +37,7 @@ pub mod bearing;
 pub mod boosted_trees;
 pub mod carrying;
 pub mod columns;
+pub mod completion;
 pub mod covering;
 pub mod crown;
 pub mod cut;
@@ -60,6 +61,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use nalgebra::{Isometry3, Point2, Point3};
+use rayon::prelude::*;
 use repose_geometry::{Aabb, cloud};
 use repose_proto::{CameraModel, Scene, Surface};
 
@@ -67,6 +69,7 @@ use back::Back;
 use bearing::candidates;
 use carrying::carried_by;
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
+use completion::Told;
 use covering::{Covered, go_on_under};
 use crown::is_crowned;
 use cut::Cut;
@@ -75,6 +78,8 @@ use foot::{Chosen, Foot, Level};
 use front::Front;
 use plane::SupportPlane;
 use standing::{CloudExtent, ObservedGeometry};
+
+use settings::CompletionSettings;
 
 pub use settings::BeliefSettings;
 pub use shape::Shape;
@@ -194,6 +199,17 @@ impl Belief {
         Ok(foot_levels(&geometry, &standing_at(&BTreeMap::new(), &geometry)))
     }
 
+    /// What the network that completes shapes is told of a scene's objects: what it is trained on.
+    ///
+    /// # Errors
+    /// [`TooWide`].
+    pub fn completion_grids(seen: &SeenScene<'_>, settings: &BeliefSettings) -> Result<BTreeMap<u16, Told>, TooWide> {
+        let observed = Observed::of(seen, settings)?;
+        let geometry = observed.geometry(settings);
+        let told = completed(&geometry).into_iter().filter_map(|(id, shape)| Some((id, geometry.told(id, &shape)?)));
+        Ok(told.collect())
+    }
+
     /// With shapes that are known, if any, and the objects that may stand elsewhere than the camera saw them.
     fn made(
         seen: &SeenScene<'_>,
@@ -202,13 +218,24 @@ impl Belief {
     ) -> Result<Self, TooWide> {
         let observed = Observed::of(seen, settings)?;
         let geometry = observed.geometry(settings);
-        let (mut shapes, elsewhere) = known.unwrap_or_else(|| (completed(&geometry), BTreeSet::new()));
+        let (mut shapes, carried, elsewhere) = match known {
+            Some((shapes, elsewhere)) => {
+                let carried = carried_by(&geometry, &shapes);
+                (shapes, carried, elsewhere)
+            }
+            None => {
+                let by_rule = completed(&geometry);
+                // What tells which objects bear which was learned with shapes that the rules complete.
+                let carried = carried_by(&geometry, &by_rule);
+                let shapes = settings.completion.as_ref().map(|completion| by_network(&by_rule, &geometry, completion));
+                (shapes.unwrap_or(by_rule), carried, BTreeSet::new())
+            }
+        };
         // Beside what stands elsewhere the camera has not looked.
         let looks = |id: u16| (!elsewhere.contains(&id)).then_some(&observed.view);
         let of_objects = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns, looks(*id)));
         let of_furniture = solid_runs(&observed.planes, &observed.view, &observed.columns);
         let hidden: Vec<(Point2<f32>, ColumnRun)> = of_objects.chain(of_furniture).collect();
-        let carried = carried_by(&geometry, &shapes);
         let Observed { clouds, columns, planes, view, .. } = observed;
         let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
         let believed = clouds.into_iter().filter_map(|(id, points)| {
@@ -300,6 +327,15 @@ fn completed(seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
     shapes
 }
 
+/// The shapes that the network completes; where it says nothing, those of the rules.
+fn by_network(by_rule: &BTreeMap<u16, Shape>, seen: &ObservedGeometry<'_>, settings: &CompletionSettings) -> BTreeMap<u16, Shape> {
+    let of = |(id, shape): (&u16, &Shape)| {
+        let completed = seen.told(*id, shape).and_then(|told| completion::completed(&told, shape, settings, &seen.settings.shape));
+        (*id, completed.unwrap_or_else(|| shape.clone()))
+    };
+    by_rule.par_iter().map(of).collect()
+}
+
 /// The levels that each object's foot may be at, with the shapes that the rule completes.
 fn foot_levels(seen: &ObservedGeometry<'_>, by_rule: &BTreeMap<u16, Shape>) -> BTreeMap<u16, Vec<Level>> {
     foot::levels(seen, by_rule, &candidates(seen, by_rule))
@@ -353,7 +389,7 @@ fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap, looks: Option<&Observed
     for slab in &shape.slabs {
         for center in cells_of(&slab.outline, 0.0, seen) {
             // A hollow that was looked into is as deep as it was seen to be.
-            let own_m = own_top_m(&center).or_else(|| own_top_m(&(shape.axis + (shape.axis - center))));
+            let own_m = own_top_m(&center).or_else(|| own_top_m(&(shape.turn_axis + (shape.turn_axis - center))));
             let high_m = own_m.unwrap_or(slab.high_m).min(slab.high_m);
             let middle = Point3::new(center.x, center.y, (slab.low_m + high_m) / 2.0);
             if high_m > slab.low_m && !looks.is_some_and(|view| view.is_free(&middle)) {

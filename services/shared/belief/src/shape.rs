@@ -32,6 +32,8 @@ pub struct Shape {
     pub centroid: Point3<f64>,
     /// The axis, seen from above: where its centre of mass is believed to be.
     pub axis: Point2<f32>,
+    /// About which half a turn takes what was seen of it to what was not, seen from above: in the middle between its ends.
+    pub turn_axis: Point2<f32>,
     /// Height of what it stands on, world z, metres.
     pub bottom_m: f32,
     /// Height of its top, world z, metres.
@@ -127,7 +129,19 @@ impl Shape {
             .and_then(|base| grown(&base, [0.0; 2]))
             .unwrap_or_else(|| slabs[0].outline.clone());
         let doubt = Vector2::zeros();
-        Some(Self { centroid: front.centroid, axis: *axis, bottom_m, top_m, slabs, base, doubt, foot_probability: 1.0, foot_doubt_m: 0.0 })
+        let turn_axis = *axis;
+        Some(Self {
+            centroid: front.centroid,
+            axis: *axis,
+            turn_axis,
+            bottom_m,
+            top_m,
+            slabs,
+            base,
+            doubt,
+            foot_probability: 1.0,
+            foot_doubt_m: 0.0,
+        })
     }
 
     /// The shape after a turn about world z and a translation. None where an outline vanishes, which a rigid motion does not do.
@@ -139,6 +153,7 @@ impl Shape {
         Some(Self {
             centroid: motion * self.centroid,
             axis: there(&self.axis).xy(),
+            turn_axis: there(&self.turn_axis).xy(),
             bottom_m: self.bottom_m + rise_m,
             top_m: self.top_m + rise_m,
             slabs: self.slabs.iter().map(slab).collect::<Option<_>>()?,
@@ -159,8 +174,9 @@ impl Shape {
         let known_m = |back: &Vector2<f32>| reach_m(top, back) - reach_m(before, back);
         let doubt = self.doubt.try_normalize(1e-6).map_or(self.doubt, |back| back * (self.doubt.norm() - known_m(&back)).max(0.0));
         // As far to one side of its middle as to the other.
-        let axis = self.axis + (area_centroid(top) - area_centroid(before));
-        Some(Self { axis, doubt, base: with(&self.base)?, slabs, ..self.clone() })
+        let moved = area_centroid(top) - area_centroid(before);
+        let (axis, turn_axis) = (self.axis + moved, self.turn_axis + moved);
+        Some(Self { axis, turn_axis, doubt, base: with(&self.base)?, slabs, ..self.clone() })
     }
 
     /// The same with its top at another height, above its bottom.
@@ -240,7 +256,7 @@ struct Stack<'a> {
 
 /// Joins neighbouring slabs of nearly the same outline, so that a box is one prism: of nearly the same area and in the same place. What crosses another as
 /// wide is not like it, nor is what leans away over it; so all slabs of a prism together are no larger either.
-fn merged(slabs: Vec<Slab>, same_area_ratio: f32) -> Vec<Slab> {
+pub(crate) fn merged(slabs: Vec<Slab>, same_area_ratio: f32) -> Vec<Slab> {
     let mut out: Vec<Slab> = Vec::with_capacity(slabs.len());
     // What the slabs of the last prism cover together.
     let mut covered: Option<Footprint> = None;

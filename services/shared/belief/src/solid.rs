@@ -30,7 +30,7 @@ impl CompletedSurface {
     /// Of an object that stands by itself.
     pub fn standing(seen: &[Point3<f32>], shape: &Shape) -> Self {
         let seen = cloud::voxel_downsampled(seen, VOXEL_M);
-        let far = far_side(&seen, &shape.axis);
+        let far = far_side(&seen, &shape.turn_axis);
         let base = shape.base.corners().iter().map(|c| Point3::new(c.x, c.y, shape.bottom_m));
         let count = seen.len();
         let points = seen.into_iter().chain(far).chain(base).collect();
@@ -43,7 +43,7 @@ impl CompletedSurface {
     /// Of an object that leans on something.
     pub fn leaning(seen: &[Point3<f32>], shape: &Shape) -> Self {
         let seen = cloud::voxel_downsampled(seen, VOXEL_M);
-        let middle = Point3::new(shape.axis.x, shape.axis.y, (shape.bottom_m + shape.top_m) / 2.0);
+        let middle = Point3::new(shape.turn_axis.x, shape.turn_axis.y, (shape.bottom_m + shape.top_m) / 2.0);
         let points = seen.iter().copied().chain(seen.iter().map(|p| middle + (middle - p))).collect();
         Self { points, seen: seen.len(), center_of_mass: middle }
     }

@@ -140,17 +140,24 @@ impl ObservedView {
     /// Pixels without a reading (borders of objects are cleaned away) take the word of the nearest thing around them.
     pub fn is_free(&self, place: &Point3<f32>) -> bool {
         let in_camera = self.camera_from_world * place.cast::<f64>();
-        let Some((u, v)) = self.camera.pixel_of(&in_camera) else { return false };
-        let lies_behind = |read_m: f32| read_m > in_camera.z as f32 + BEHIND_M;
-        for ring in 0..=RINGS {
+        let nearest_m = self.camera.pixel_of(&in_camera).and_then(|at| self.nearest_around_m(at));
+        nearest_m.is_some_and(|read_m| read_m > in_camera.z as f32 + BEHIND_M)
+    }
+
+    /// Whether the picture has no reading at a place (world frame) and around it, though it shows it.
+    pub fn is_unread(&self, place: &Point3<f32>) -> bool {
+        let at = self.camera.pixel_of(&(self.camera_from_world * place.cast::<f64>()));
+        at.is_some_and(|at| self.nearest_around_m(at).is_none())
+    }
+
+    /// The nearest of the readings at a pixel, or of those on the smallest ring around it that has any; none where that is too large.
+    fn nearest_around_m(&self, (u, v): (usize, usize)) -> Option<f32> {
+        (0..=RINGS).find_map(|ring| {
             let columns = || u.saturating_sub(ring)..=(u + ring).min(self.camera.width - 1);
             let rows = v.saturating_sub(ring)..=(v + ring).min(self.camera.height - 1);
             let read = rows.flat_map(|y| columns().map(move |x| (x, y))).map(|at| self.pixels[at].depth_m).filter(|depth_m| *depth_m > 0.0);
-            if let Some(nearest_m) = read.reduce(f32::min) {
-                return lies_behind(nearest_m);
-            }
-        }
-        false
+            read.reduce(f32::min)
+        })
     }
 
     /// What is seen right under a point of an object in the picture, up to `rows` further down, if it is level: whose, and where (world

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use repose_belief::BeliefSettings;
 use repose_dataset::Split;
 use repose_evaluation::report;
 use repose_evaluation::scenes::problem::ProblemSettings;
@@ -33,6 +34,9 @@ pub struct EvaluateBeliefArgs {
     /// Masks that perception finds, named after the objects that they match, instead of the true ones.
     #[arg(long)]
     pub found_masks: bool,
+    /// Shapes that the network completes, in place of those of the rules.
+    #[arg(long)]
+    pub learned_shapes: bool,
     /// Which split's seeds: train, validation or test.
     #[arg(long, default_value = "validation", value_parser = parse_split)]
     pub split: Split,
@@ -56,6 +60,7 @@ pub fn run(args: &EvaluateBeliefArgs, output: Output) -> CommandResult {
         first: args.first,
         scenes: args.scenes,
         masks_found: args.found_masks,
+        belief: if args.learned_shapes { BeliefSettings::with_network() } else { BeliefSettings::default() },
         threads: threads(args.threads),
     };
     let bar = Progress::new((settings.kinds.len() * settings.scenes) as u64, "scenes");

@@ -64,6 +64,9 @@ pub struct EvaluatePlannerArgs {
     /// bring; what an object is like on another side (`--rotation stable`) is believed all the same.
     #[arg(long, value_name = "WHOSE", value_parser = parse_known_shapes)]
     pub known_shapes: Option<KnownShapes>,
+    /// Plan with shapes that the network completes, in place of those of the rules, with which the forecasts were fitted.
+    #[arg(long)]
+    pub learned_shapes: bool,
     /// How objects may be turned: fixed, yaw, or stable (set on another side as well; the paper's columns, which are of one attitude, are empty then).
     #[arg(long, default_value = "fixed", value_parser = parse_rotation)]
     pub rotation: Rotation,
@@ -93,6 +96,9 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     }
     if args.known_shapes.is_some() {
         made_with["known_shapes"] = serde_json::json!(args.known_shapes);
+    }
+    if args.learned_shapes {
+        made_with["learned_shapes"] = serde_json::json!(true);
     }
     if args.rotation != Rotation::Fixed {
         made_with["rotation"] = serde_json::json!(args.rotation);
@@ -160,6 +166,7 @@ fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failu
             rotation: args.rotation,
             perturbation: args.perturb,
             known_shapes: args.known_shapes,
+            learned_shapes: args.learned_shapes,
             ..PlannerSceneSettings::default()
         },
         threads: args.common.threads(),

@@ -1,5 +1,6 @@
 //! `repose generate`: simulated scenes to train on, contact sheets of them to look at, and what they are like in numbers.
 
+mod completion;
 mod frames;
 mod proposals;
 
@@ -24,6 +25,7 @@ use repose_simulator::statistics::Statistics;
 use repose_simulator::trials::ReleaseTrialSettings;
 use repose_simulator::views::view_of_scene;
 
+use self::completion::write_completion;
 use self::frames::write_frames;
 use self::proposals::write_proposals;
 use crate::embedded::engine;
@@ -54,6 +56,10 @@ pub struct GenerateArgs {
     /// A folder for labelled frame folders of the scenes, 640 x 480 with a depth camera's noise, for `evaluate segmentation`.
     #[arg(long, value_name = "DIR", group = "product")]
     pub frames: Option<PathBuf>,
+    /// A folder for shards that the network which completes the shapes of half-seen objects is trained on, by scripts/train_completion.py: three views
+    /// of each of `--scenes` scenes of all kinds. Existing shards are kept.
+    #[arg(long, value_name = "DIR", group = "product", conflicts_with_all = ["split", "kind", "objects", "views"])]
+    pub completion: Option<PathBuf>,
     /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
     /// rejections. The histograms are drawn beside it, in a file of its name that ends in .svg. With `--out`, only scenes written by this run are
     /// counted.
@@ -150,6 +156,11 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         let frames = on_threads(settings.threads, || write_frames(folder, &settings))??;
         report.text.push(format!("{frames} frames in {}", folder.display()));
         report.add("frames", frames);
+    }
+    if let Some(folder) = &args.completion {
+        let objects = on_threads(settings.threads, || write_completion(folder, args.first, args.scenes))??;
+        report.text.push(format!("{objects} objects, each from one view, added in {}", folder.display()));
+        report.add("objects", objects);
     }
     let statistics = match &args.out {
         Some(folder) => Some(write_shards(folder, &settings, &mut report)?),
