@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use repose_dataset::{Split, write_whole};
@@ -29,17 +29,41 @@ pub fn write_completion(folder: &Path, first: u64, scenes: u64) -> Result<usize,
     let mut objects = 0;
     for start in (first..first + scenes).step_by(SCENES_PER_SHARD as usize) {
         let end = (start + SCENES_PER_SHARD).min(first + scenes);
-        let path = folder.join(format!("completion-{start:07}-{end:07}.safetensors"));
-        if !path.exists() {
+        let path = folder.join(format!("{}{end:07}.safetensors", name_from(start)));
+        let shorter = match others_from(folder, start).map_err(|e| bad(folder, &e))? {
+            there if there.iter().any(|there| *there >= path) => None,
+            shorter => Some(shorter),
+        };
+        if let Some(shorter) = shorter {
             let samples: Vec<CompletionSample> = (start..end).into_par_iter().flat_map_iter(completion_samples).collect();
             objects += samples.len();
             let shard = safetensors::serialize(tensors_of(&samples), None::<HashMap<String, String>>).map_err(Failure::other)?;
             write_whole(&path, &shard).map_err(|e| bad(&path, &e))?;
+            // The objects of a short last shard are in the longer one, too.
+            shorter.iter().try_for_each(|shorter| std::fs::remove_file(shorter).map_err(|e| bad(shorter, &e)))?;
         }
         bar.set(end - first);
     }
     bar.finish();
     Ok(objects)
+}
+
+/// How the names of the shards begin whose first scene is that one.
+fn name_from(start: u64) -> String {
+    format!("completion-{start:07}-")
+}
+
+/// The shards of a folder whose first scene is that one: one of fewer scenes has the lesser name.
+fn others_from(folder: &Path, start: u64) -> std::io::Result<Vec<PathBuf>> {
+    let mut shards = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let is_whole = Path::new(&entry.file_name()).extension().is_some_and(|kind| kind == "safetensors");
+        if is_whole && entry.file_name().to_string_lossy().starts_with(&name_from(start)) {
+            shards.push(entry.path());
+        }
+    }
+    Ok(shards)
 }
 
 /// Some numbers of every object of a shard.
@@ -80,4 +104,37 @@ fn tensors_of(samples: &[CompletionSample]) -> Vec<(&'static str, Numbers)> {
         ("objects", Numbers { kind: Dtype::F32, shape: vec![count, OF_OBJECT], bytes: objects }),
         ("filled", Numbers { kind: Dtype::U8, shape: grid(SLABS), bytes: filled }),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_longer_run_replaces_a_short_last_shard_and_keeps_whole_ones() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = || {
+            let mut names: Vec<String> =
+                std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+            names.sort();
+            names
+        };
+        let written = |scenes: u64| write_completion(folder.path(), 60, scenes).unwrap();
+        assert!(written(1) > 0);
+        assert_eq!(names(), ["completion-0000060-0000061.safetensors"]);
+        assert_eq!(written(1), 0, "it is there");
+        assert!(written(2) > 0);
+        assert_eq!(names(), ["completion-0000060-0000062.safetensors"]);
+        assert_eq!(written(1), 0, "what is asked for is in the longer one");
+        let shard = std::fs::read(folder.path().join(&names()[0])).unwrap();
+        let shard = safetensors::SafeTensors::deserialize(&shard).unwrap();
+        let [cells, objects, filled] = ["cells", "objects", "filled"].map(|name| shard.tensor(name).unwrap().shape().to_vec());
+        assert_eq!(
+            (&cells[1..], &objects[1..], &filled[1..]),
+            ([SIDE, SIDE, OF_CELL].as_slice(), [OF_OBJECT].as_slice(), [SIDE, SIDE, SLABS].as_slice())
+        );
+        assert!(cells[0] > 0 && cells[0] == objects[0] && cells[0] == filled[0]);
+        let filled = shard.tensor("filled").unwrap().data().to_vec();
+        assert!(filled.iter().all(|thirds| *thirds <= 3) && filled.contains(&3) && filled.contains(&0));
+    }
 }
