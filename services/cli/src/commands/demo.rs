@@ -28,11 +28,14 @@ use crate::output::Output;
 use crate::services::ServiceConfigs;
 use crate::values::{parse_png, parse_variant};
 
+/// A scene whose run ends well every time. That of seed 0 asks for a bowl, which rocks away from the fingers in more than half of them.
+const DEMO_SEED: u64 = 3;
+
 /// Arguments of `demo`.
 #[derive(Debug, Args)]
 pub struct DemoArgs {
     /// The scene's seed.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = DEMO_SEED)]
     pub seed: u64,
     /// The planning method.
     #[arg(long, default_value = "best", value_parser = parse_variant)]
