@@ -53,6 +53,8 @@ fn filled(grid: &Grid, solid: &PlacedParts) -> Vec<[u8; SLABS]> {
 
 #[cfg(test)]
 mod tests {
+    use repose_networks::completion::OF_SLAB;
+
     use super::*;
 
     #[test]
@@ -62,7 +64,7 @@ mod tests {
         // Of a slab: points, how far behind it something was read, whose that is (its own, another's, furniture's), and whether the rules fill it.
         let [mut with_points, mut looked_through] = [(0u32, 0u32); 2];
         for (seen, filled) in samples.iter().flat_map(|s| s.seen.iter().zip(&s.filled)) {
-            for (slab, filled) in seen[..6 * SLABS].chunks_exact(6).zip(filled) {
+            for (slab, filled) in seen[..OF_SLAB * SLABS].chunks_exact(OF_SLAB).zip(filled) {
                 let is_filled = u32::from(*filled > 0);
                 if slab[0] > 0.5 {
                     with_points = (with_points.0 + is_filled, with_points.1 + 1);

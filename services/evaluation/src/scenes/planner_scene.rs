@@ -287,7 +287,7 @@ pub fn try_scene(
     };
     let scene = Arc::new(seen.observed.clone());
     let models = OneScene::new(engine, scene.clone()).with_forecasts(forecasts);
-    let belief = if settings.learned_shapes { BeliefSettings::with_network() } else { BeliefSettings::default() };
+    let belief = BeliefSettings::of_shapes(settings.learned_shapes);
     let prepared = PreparedScene::with_settings(scene, models.scene_id().to_owned(), &belief);
     let prepared = settings.known_shapes.map(|known| known.in_scene(&prepared, &problem.truth, problem.query)).unwrap_or(prepared);
     let (mut trials, mut results) = (Vec::new(), Vec::new());

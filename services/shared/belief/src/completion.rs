@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::Footprint;
-use repose_networks::completion::{CHANNELS, CompletionNetwork, SIDE, SLABS};
+use repose_networks::completion::{CHANNELS, CompletionNetwork, OF_OBJECT, OF_SLAB, SIDE, SLABS};
 
 use crate::front::{Front, span};
 use crate::settings::{CompletionSettings, ShapeSettings};
@@ -24,8 +24,6 @@ const LEAST_HALF_M: f32 = 0.013;
 const MOST_CELL_M: f32 = 0.027;
 /// Most of a grid in which the picture has no reading.
 const MOST_UNREAD: f32 = 0.1;
-/// Numbers of each slab of a cell.
-const OF_SLAB: usize = 6;
 /// What is farther behind a cell, or before it, is as far, metres.
 const BEHIND_M: f32 = 0.06;
 /// Sizes that are told as logarithms are told as shares of these: of a cell and of a slab, metres, and points.
@@ -155,7 +153,7 @@ impl Grid {
         }
         let sight = view.eye() - self.place(0, SIDE / 2, SIDE / 2);
         let [of_cell, of_slab, of_points] = USUAL;
-        let of_whole = [
+        let of_whole: [f32; OF_OBJECT] = [
             (self.cell_m / of_cell).ln(),
             (self.slab_m.max(1e-4) / of_slab).ln(),
             shape.foot_probability,
@@ -323,7 +321,7 @@ mod tests {
     fn what_was_seen_of_a_box_from_one_side_is_completed_to_the_box() {
         for (at, size) in [([0.0, 0.0], [0.08, 0.06, 0.12]), ([0.15, 0.1], [0.06, 0.1, 0.08]), ([-0.2, 0.05], [0.12, 0.07, 0.06])] {
             let scene = SceneBuilder::table().object(1, at, size).scene();
-            let belief = Belief::of(&SeenScene::of(&scene, &world_from_camera()), &BeliefSettings::with_network()).expect("a small scene");
+            let belief = Belief::of(&SeenScene::of(&scene, &world_from_camera()), &BeliefSettings::of_shapes(true)).expect("a small scene");
             let shape = belief.objects[&1].shape.as_ref().expect("it has an extent");
             let (low, high) = Footprint::of(&shape.corners().collect::<Vec<_>>()).unwrap().bounds();
             for k in 0..2 {

@@ -44,9 +44,9 @@ pub struct BeliefSettings {
 }
 
 impl BeliefSettings {
-    /// The default ones, with shapes that the network completes.
-    pub fn with_network() -> Self {
-        Self { completion: Some(CompletionSettings::default()), ..Self::default() }
+    /// The default ones, with shapes that the network completes if they are to be learned ones, or else the rules.
+    pub fn of_shapes(learned: bool) -> Self {
+        Self { completion: learned.then(CompletionSettings::default), ..Self::default() }
     }
 }
 

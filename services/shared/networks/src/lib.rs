@@ -54,6 +54,7 @@ pub mod scene_encoder;
 pub mod serving;
 pub mod set_abstraction;
 pub mod shared_scene;
+mod u_net;
 pub mod weights;
 
 pub use config::{GOAL_RELATIONS, NetworksConfig, PREDICTED_RELATIONS};

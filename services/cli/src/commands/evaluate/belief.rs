@@ -60,7 +60,7 @@ pub fn run(args: &EvaluateBeliefArgs, output: Output) -> CommandResult {
         first: args.first,
         scenes: args.scenes,
         masks_found: args.found_masks,
-        belief: if args.learned_shapes { BeliefSettings::with_network() } else { BeliefSettings::default() },
+        belief: BeliefSettings::of_shapes(args.learned_shapes),
         threads: threads(args.threads),
     };
     let bar = Progress::new((settings.kinds.len() * settings.scenes) as u64, "scenes");

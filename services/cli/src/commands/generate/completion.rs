@@ -1,14 +1,14 @@
 //! Shards that the network which completes shapes is trained on, by `scripts/train_completion.py`.
 
-use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use repose_dataset::{Split, write_whole};
 use repose_evaluation::scenes::completion_samples::{CompletionSample, FIRST_SEED, completion_samples};
-use repose_networks::completion::{CHANNELS, SIDE, SLABS};
-use safetensors::tensor::{Dtype, View};
+use repose_networks::completion::{CHANNELS, OF_OBJECT, SIDE, SLABS};
+use safetensors::SafeTensorError;
+use safetensors::tensor::{Dtype, TensorView};
 
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -18,7 +18,6 @@ use crate::values::check_scenes;
 const SCENES_PER_SHARD: u64 = 60;
 /// Numbers of a cell that differ from cell to cell; the others are the object's.
 const OF_CELL: usize = CHANNELS - OF_OBJECT;
-const OF_OBJECT: usize = 5;
 
 /// Writes the shards that are missing; how many objects are in them.
 pub fn write_completion(folder: &Path, first: u64, scenes: u64) -> Result<usize, Failure> {
@@ -37,7 +36,7 @@ pub fn write_completion(folder: &Path, first: u64, scenes: u64) -> Result<usize,
         if let Some(shorter) = shorter {
             let samples: Vec<CompletionSample> = (start..end).into_par_iter().flat_map_iter(completion_samples).collect();
             objects += samples.len();
-            let shard = safetensors::serialize(tensors_of(&samples), None::<HashMap<String, String>>).map_err(Failure::other)?;
+            let shard = shard_of(&samples).map_err(Failure::other)?;
             write_whole(&path, &shard).map_err(|e| bad(&path, &e))?;
             // The objects of a short last shard are in the longer one, too.
             shorter.iter().try_for_each(|shorter| std::fs::remove_file(shorter).map_err(|e| bad(shorter, &e)))?;
@@ -66,44 +65,21 @@ fn others_from(folder: &Path, start: u64) -> std::io::Result<Vec<PathBuf>> {
     Ok(shards)
 }
 
-/// Some numbers of every object of a shard.
-struct Numbers {
-    kind: Dtype,
-    shape: Vec<usize>,
-    bytes: Vec<u8>,
-}
-
-impl View for Numbers {
-    fn dtype(&self) -> Dtype {
-        self.kind
-    }
-
-    fn shape(&self) -> &[usize] {
-        &self.shape
-    }
-
-    fn data(&self) -> Cow<'_, [u8]> {
-        Cow::Borrowed(&self.bytes)
-    }
-
-    fn data_len(&self) -> usize {
-        self.bytes.len()
-    }
-}
-
-/// `cells` (what was seen of each, in steps of 1/127), `objects` (what is known of each object as a whole) and `filled` (thirds of each cell's slabs).
-fn tensors_of(samples: &[CompletionSample]) -> Vec<(&'static str, Numbers)> {
+/// The bytes of a shard: `cells` (what was seen of each, in steps of 1/127), `objects` (what is known of each object as a whole) and `filled` (thirds of each
+/// cell's slabs).
+fn shard_of(samples: &[CompletionSample]) -> Result<Vec<u8>, SafeTensorError> {
     let count = samples.len();
     let in_steps = |value: &f32| (value * 127.0).round() as i8 as u8;
-    let cells = samples.iter().flat_map(|s| s.seen.iter().flat_map(|cell| cell[..OF_CELL].iter().map(in_steps))).collect();
-    let objects = samples.iter().flat_map(|s| s.seen[0][OF_CELL..].iter().flat_map(|value| value.to_le_bytes())).collect();
-    let filled = samples.iter().flat_map(|s| s.filled.as_flattened().iter().copied()).collect();
+    let cells: Vec<u8> = samples.iter().flat_map(|s| s.seen.iter().flat_map(|cell| cell[..OF_CELL].iter().map(in_steps))).collect();
+    let objects: Vec<u8> = samples.iter().flat_map(|s| s.seen[0][OF_CELL..].iter().flat_map(|value| value.to_le_bytes())).collect();
+    let filled: Vec<u8> = samples.iter().flat_map(|s| s.filled.as_flattened().iter().copied()).collect();
     let grid = |depth: usize| vec![count, SIDE, SIDE, depth];
-    vec![
-        ("cells", Numbers { kind: Dtype::I8, shape: grid(OF_CELL), bytes: cells }),
-        ("objects", Numbers { kind: Dtype::F32, shape: vec![count, OF_OBJECT], bytes: objects }),
-        ("filled", Numbers { kind: Dtype::U8, shape: grid(SLABS), bytes: filled }),
-    ]
+    let tensors = [
+        ("cells", TensorView::new(Dtype::I8, grid(OF_CELL), &cells)?),
+        ("objects", TensorView::new(Dtype::F32, vec![count, OF_OBJECT], &objects)?),
+        ("filled", TensorView::new(Dtype::U8, grid(SLABS), &filled)?),
+    ];
+    safetensors::serialize(tensors, None::<HashMap<String, String>>)
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use super::inputs::{CHANNELS, MaskInputs};
 use crate::feature_map::FeatureMap;
 use crate::kernel::{Kernel, PackedLinear};
 use crate::layer_file::LayerFile;
+use crate::u_net::UNet;
 use crate::weights::WeightsError;
 
 /// The format of its weights file.
@@ -43,14 +44,7 @@ pub struct MaskLogits {
 #[derive(Debug, Clone)]
 pub struct MaskNetwork {
     kernel: Kernel,
-    stem: PackedLinear,
-    same: [PackedLinear; 4],
-    down: [PackedLinear; 3],
-    same_again: PackedLinear,
-    whole: PackedLinear,
-    /// From the next coarser picture's channels to those of ½, ¼, ⅛.
-    narrow: [PackedLinear; 3],
-    join: [PackedLinear; 3],
+    body: UNet,
     head: PackedLinear,
 }
 
@@ -69,42 +63,13 @@ impl MaskNetwork {
     /// [`WeightsError::Malformed`] when the file is of another format, a tensor is missing or of another shape, or a value is not finite.
     pub fn load(bytes: &[u8], kernel: Kernel) -> Result<Self, WeightsError> {
         let file = LayerFile::read(bytes, FORMAT)?;
-        let layer = |name: &str, shape: &[usize]| file.layer(&format!("masks/{name}"), shape);
-        let [a, b, c, d] = WIDTHS;
-        let square = |name: &str, inputs: usize, outputs: usize| layer(name, &[outputs, 3, 3, inputs]);
-        Ok(Self {
-            kernel,
-            stem: square("stem", 4 * CHANNELS, a)?,
-            same: [square("same0", a, a)?, square("same1", b, b)?, square("same2", c, c)?, square("same3", d, d)?],
-            down: [square("down1", a, b)?, square("down2", b, c)?, square("down3", c, d)?],
-            same_again: square("same3b", d, d)?,
-            whole: layer("whole", &[d, d])?,
-            narrow: [layer("narrow0", &[a, 1, 1, b])?, layer("narrow1", &[b, 1, 1, c])?, layer("narrow2", &[c, 1, 1, d])?],
-            join: [square("join0", a, a)?, square("join1", b, b)?, square("join2", c, c)?],
-            head: layer("head", &[4 * OUTPUTS, 1, 1, a])?,
-        })
+        let body = UNet::load(&file, "masks", 4 * CHANNELS, WIDTHS, kernel)?;
+        Ok(Self { kernel, body, head: file.layer("masks/head", &[4 * OUTPUTS, 1, 1, WIDTHS[0]])? })
     }
 
     /// What the network says of a picture. The same inputs give the same bits on any number of threads.
     pub fn logits(&self, inputs: &MaskInputs) -> MaskLogits {
-        let kernel = self.kernel;
-        let plus_own = |x: FeatureMap, layer: &PackedLinear| {
-            let more = x.convolved(kernel, layer, 1);
-            x.plus(&more)
-        };
-        let mut x = plus_own(folded(inputs).convolved(kernel, &self.stem, 1), &self.same[0]);
-        let mut finer = Vec::with_capacity(self.down.len());
-        for (down, same) in self.down.iter().zip(&self.same[1..]) {
-            let half = plus_own(x.convolved(kernel, down, 2), same);
-            finer.push(std::mem::replace(&mut x, half));
-        }
-        let mut whole = vec![0.0; self.whole.padded()];
-        kernel.linear(&self.whole, &x.mean(), 1, true, &mut whole);
-        x = plus_own(x.plus_everywhere(&whole), &self.same_again);
-        for ((finer, narrow), join) in finer.into_iter().zip(&self.narrow).zip(&self.join).rev() {
-            x = plus_own(finer.plus_twice_as_large(&x.projected(kernel, narrow)), join);
-        }
-        unfolded(&x.projected(kernel, &self.head), inputs)
+        unfolded(&self.body.features(&folded(inputs)).projected(self.kernel, &self.head), inputs)
     }
 }
 
