@@ -1,7 +1,7 @@
 //! What the fingers would close on at a pose, and whether hand and fingers have room around the object.
 //!
-//! All in the grasp centre's frame: fingers close along y, the hand comes along z. The part of the cloud between the finger pads is searched
-//! for the run of points nearest the middle; a gap wide enough for a finger ends it. So a solid object is taken across, a hollow one at its wall.
+//! All in the grasp centre's frame: fingers close along y, the hand comes along z. What the fingers close on is a run of the points between
+//! the planes of the pads ([`super::run`]): a solid object across, a hollow one at a wall or across both.
 //! A side that faces away from the camera ends later than it was seen to, by the border that was cleaned away: the fingers are centred on
 //! where it is believed to end. One that would come down unseen, behind the object, gets all the room there is.
 
@@ -16,6 +16,7 @@ use super::GraspCloud;
 use super::contact::{
     SlabPoint, contact_depth_m, mean_slope_rad, outline_slope_rad, slope_rad, squareness, touched_normals, wall_turn_rad,
 };
+use super::run::closed_on;
 use super::wedge::{self, Meeting};
 
 /// How far the fingers reach beyond the grasp centre, metres.
@@ -144,7 +145,7 @@ impl<'a> Between<'a> {
     ) -> Result<Self, Misfit> {
         let points = seen_from_tcp(&object.points, world_from_tcp);
         let slab = slab(&points, settings)?;
-        let run = run_at_the_middle(&slab, settings)?;
+        let run = closed_on(&slab, settings)?;
         Ok(Self {
             world_from_tcp,
             object,
@@ -176,26 +177,38 @@ impl<'a> Between<'a> {
         if width_m > widest_m {
             return Err(Misfit::TooWide);
         }
-        let mut opening_m = (width_m + 2.0 * clearance_m).min(FINGER_OPENING_MAX_M);
-        let offset_m = 0.5 * (low + high);
-        let mut aside_m = 0.0;
+        let needed_m = (width_m + 2.0 * clearance_m).min(FINGER_OPENING_MAX_M);
+        let middle_m = 0.5 * (low + high);
         let seen_at = |y: f64, side: f64| seen_share(world_from_tcp, y, side, view, settings);
-        let seen_with = |middle: f64, opening_m: f64| [seen_at(middle - 0.5 * opening_m, -1.0), seen_at(middle + 0.5 * opening_m, 1.0)];
-        let mut seen = seen_with(offset_m, opening_m);
-        if (seen[0] < settings.seen_min) != (seen[1] < settings.seen_min) {
-            opening_m = FINGER_OPENING_MAX_M;
-            let away_m = away_m(width_m, settings);
-            aside_m = if seen[0] < settings.seen_min { -away_m } else { away_m };
-            seen = seen_with(offset_m + aside_m, opening_m);
+        let seen_with = |down_m: f64, opening_m: f64| [seen_at(down_m - 0.5 * opening_m, -1.0), seen_at(down_m + 0.5 * opening_m, 1.0)];
+        let seen = seen_with(middle_m, needed_m);
+        let unseen = seen.map(|share| share < settings.seen_min);
+        // How wide open and how far off the middle the hand may come down, the best first.
+        let mut ways = vec![(needed_m, 0.0, seen[0].min(seen[1]))];
+        if unseen[0] != unseen[1] {
+            let away_m = if unseen[0] { -away_m(width_m, settings) } else { away_m(width_m, settings) };
+            let seen_aside = seen_with(middle_m + away_m, FINGER_OPENING_MAX_M);
+            ways.insert(0, (FINGER_OPENING_MAX_M, away_m, seen_aside[0].min(seen_aside[1])));
         }
-        // As far as the fingers come towards the middle with room all the way for the one inside of something hollow.
-        let down = offset_m + aside_m;
-        let come = CENTERED.into_iter().find(|come| self.has_room([down, offset_m + (1.0 - come) * aside_m], opening_m));
-        let come = come.ok_or(Misfit::FingerBlocked)?;
-        let (offset_m, aside_m) = (offset_m + (1.0 - come) * aside_m, come * aside_m);
+        let come_down = |(opening_m, away_m, seen): (f64, f64, f64)| {
+            let down_m = middle_m + away_m;
+            if self.is_more_between(down_m, opening_m) {
+                return None;
+            }
+            // As far as the fingers come towards the middle with room all the way for the one inside of something hollow.
+            let come = CENTERED.into_iter().find(|come| self.has_room([down_m, middle_m + (1.0 - come) * away_m], opening_m))?;
+            Some((opening_m, middle_m + (1.0 - come) * away_m, come * away_m, seen))
+        };
+        let (opening_m, offset_m, aside_m, seen) = ways.into_iter().find_map(come_down).ok_or(Misfit::FingerBlocked)?;
         let Contact { depth_m, squareness, slope_rad, turn_rad, meeting } = *self.contact.get_or_init(|| self.contact(seen_span, facing));
-        let seen = seen[0].min(seen[1]);
         Ok(GripperFit { width_m, offset_m, aside_m, opening_m, depth_m, squareness, slope_rad, turn_rad, meeting, seen })
+    }
+
+    /// Whether the open fingers come down around more of the object than what they are to close on: the one that should be inside of something
+    /// hollow would be beyond its other wall, and both would close on that, too.
+    fn is_more_between(&self, down_m: f64, opening_m: f64) -> bool {
+        let apart = self.slab[..self.run.start].iter().chain(&self.slab[self.run.end..]);
+        apart.filter(|(p, _)| (p.y - down_m).abs() < 0.5 * opening_m).nth(self.settings.strays).is_some()
     }
 
     /// Whether neither of the open fingers meets the object as it was seen and is believed to be, as their middle goes from one place along y to
@@ -292,7 +305,7 @@ fn away_m(width_m: f64, settings: &GripperSettings) -> f64 {
 /// Shares of the way from where the open hand comes down to the middle of the object that are tried, the whole first.
 const CENTERED: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
 /// Further from the rest than the noise of depth is apart, metres.
-const APART_M: f64 = 0.006;
+pub const APART_M: f64 = 0.006;
 
 /// How the pads meet the outline of what is between them, and whether that is a wall of something hollow: then nothing is amiss, as the outline says
 /// nothing of it.
@@ -373,23 +386,6 @@ fn seen_share(world_from_tcp: &Isometry3<f64>, y: f64, side: f64, view: &Observe
     free as f64 / f64::from(asked)
 }
 
-/// The run of points (sorted along y) around the one nearest y = 0, ended by gaps that a finger and its room fit into.
-fn run_at_the_middle(slab: &[SlabPoint], settings: &GripperSettings) -> Result<std::ops::Range<usize>, Misfit> {
-    let middle = (0..slab.len()).min_by(|a, b| slab[*a].0.y.abs().total_cmp(&slab[*b].0.y.abs())).ok_or(Misfit::Empty)?;
-    if slab[middle].0.y.abs() > 0.5 * FINGER_OPENING_MAX_M {
-        return Err(Misfit::Empty);
-    }
-    let gap_m = settings.finger_thickness_m + settings.clearance_min_m;
-    let (mut start, mut end) = (middle, middle + 1);
-    while start > 0 && slab[start].0.y - slab[start - 1].0.y < gap_m {
-        start -= 1;
-    }
-    while end < slab.len() && slab[end].0.y - slab[end - 1].0.y < gap_m {
-        end += 1;
-    }
-    if end - start < settings.points_min { Err(Misfit::Empty) } else { Ok(start..end) }
-}
-
 #[cfg(test)]
 mod tests {
     use repose_proto::CameraModel;
@@ -451,6 +447,38 @@ mod tests {
         assert!((fit.width_m - 0.06).abs() < 0.004, "{fit:?}");
         let middle = tcp * Point3::new(0.0, fit.offset_m, 0.0);
         assert!(middle.x.abs() < 0.003, "the fingers close about its axis: {middle}");
+    }
+
+    /// A bowl with a level rim whose wall, 4 mm thick, narrows downwards; seen from the front: the outside of its near wall and the inside of its far one.
+    fn bowl(rim_m: f64, foot_m: f64, height_m: f64) -> GraspCloud {
+        let levels = (2..=(height_m / 0.003) as i32).map(|k| 0.003 * f64::from(k));
+        let angles = || (0..90).map(|k| std::f64::consts::TAU * f64::from(k) / 90.0);
+        let wall = levels.flat_map(|z| {
+            let radius_m = foot_m + (rim_m - foot_m) * z / height_m;
+            angles().map(move |angle| (angle, if angle.cos() < 0.0 { radius_m } else { radius_m - 0.004 }, z))
+        });
+        let slope = ((rim_m - foot_m) / height_m).atan();
+        let (points, normals) = wall
+            .map(|(angle, radius_m, z)| {
+                let (level, up) = (Vector3::new(angle.cos(), angle.sin(), 0.0), Vector3::z());
+                let outwards = level * slope.cos() - up * slope.sin();
+                let normal = if angle.cos() < 0.0 { outwards } else { -outwards };
+                (Point3::new(radius_m * angle.cos(), radius_m * angle.sin(), z).cast::<f32>(), normal.cast::<f32>())
+            })
+            .unzip::<_, _, Vec<Point3<f32>>, Vec<Vector3<f32>>>();
+        let bounds = repose_geometry::Aabb::of(&points).expect("it has points");
+        let (axis, middle_m) = (nalgebra::Vector2::zeros(), 0.5 * height_m);
+        GraspCloud { points, normals, axis, behind: Vec::new(), bounds, middle_m, floor_m: 0.017 }
+    }
+
+    #[test]
+    fn a_bowl_that_goes_between_the_fingers_is_as_wide_as_both_its_walls() {
+        let (view, settings, object) = (from_the_front(), GripperSettings::default(), bowl(0.027, 0.015, 0.05));
+        let tcp = along_the_view(0.004, 0.03);
+        let fit = Between::fingers(&tcp, &object, &view, &settings).unwrap().fit(settings.clearance_m).unwrap();
+        assert!((0.05..0.065).contains(&fit.width_m), "{fit:?}");
+        let middle = tcp * Point3::new(0.0, fit.offset_m, 0.0);
+        assert!(middle.x.abs() < 0.006, "the fingers close about its middle: {middle}");
     }
 
     #[test]

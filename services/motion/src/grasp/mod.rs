@@ -9,6 +9,7 @@ mod choice;
 pub mod contact;
 pub mod gripper;
 pub mod normals;
+mod run;
 pub mod score;
 pub mod top_down;
 pub mod wedge;
@@ -279,6 +280,48 @@ mod tests {
         }
         // A finger that comes down unseen gets all the room there is, before both are moved to the wall.
         assert!(found.iter().any(|grasp| grasp.aside_m.abs() > 0.02), "the bowl's far wall hides what is behind it");
+    }
+
+    /// What the camera sees of a bowl on the table whose wall of 4 mm narrows to two thirds downwards: the outside in front, the inside at the back, the
+    /// floor inside.
+    fn seen_narrowing_bowl(at: [f64; 2], rim_m: f64, height_m: f64) -> Vec<Point3<f32>> {
+        const WALL_M: f64 = 0.004;
+        let around = (std::f64::consts::TAU * rim_m / 0.003) as i32;
+        let ring = |z: f64, radius_m: f64, shows: fn(f64) -> bool| {
+            let angles = (0..around).map(move |k| std::f64::consts::TAU * f64::from(k) / f64::from(around));
+            // The camera is in the direction of +x.
+            angles
+                .filter(move |angle| shows(angle.cos()))
+                .map(move |angle| Point3::new(at[0] + radius_m * angle.cos(), at[1] + radius_m * angle.sin(), z).cast::<f32>())
+        };
+        let outside_m = move |z: f64| rim_m * (2.0 + z / height_m) / 3.0;
+        let levels = move || (2..=(height_m / 0.003) as i32).map(|k| 0.003 * f64::from(k));
+        let outside = levels().flat_map(move |z| ring(z, outside_m(z), |towards| towards > 0.0));
+        let inside = levels().flat_map(move |z| ring(z, outside_m(z) - WALL_M, |towards| towards < 0.0));
+        let rim = ring(height_m, rim_m, |_| true).chain(ring(height_m, rim_m - WALL_M, |_| true));
+        outside.chain(inside).chain(rim).collect()
+    }
+
+    #[test]
+    fn no_more_of_a_bowl_is_between_the_fingers_than_they_are_believed_to_close_on() {
+        let height_m = 0.045;
+        let mut across = 0;
+        for (rim_m, at) in [0.028, 0.033, 0.036, 0.039, 0.045].into_iter().flat_map(|r| [[0.5, 0.0], [0.45, 0.2]].map(|at| (r, at))) {
+            let (found, tally) = find(&seen_narrowing_bowl(at, rim_m, height_m), &[]);
+            assert!(!found.is_empty(), "{tally:?} at {rim_m}");
+            for grasp in &found {
+                let tcp_from_world = grasp.world_from_tcp.inverse();
+                let rim = (0..180).map(|k| std::f64::consts::TAU * f64::from(k) / 180.0);
+                let (low, high) = rim
+                    .map(|angle| tcp_from_world * Point3::new(at[0] + rim_m * angle.cos(), at[1] + rim_m * angle.sin(), height_m))
+                    .filter(|p| p.x.abs() < 0.0105 && p.y.abs() < 0.5 * grasp.opening_m)
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p.y), high.max(p.y)));
+                let width_m = grasp.width_m.expect("found here");
+                assert!(high - low < width_m + 0.01, "{} mm between the fingers: {grasp:?}", 1e3 * (high - low));
+                across += usize::from(width_m > rim_m);
+            }
+        }
+        assert!(across > 0, "those that go between the fingers are taken across");
     }
 
     /// What the camera sees of a cylinder that lies on the table across its view.
