@@ -183,13 +183,13 @@ impl<'a> Between<'a> {
         let seen_with = |down_m: f64, opening_m: f64| [seen_at(down_m - 0.5 * opening_m, -1.0), seen_at(down_m + 0.5 * opening_m, 1.0)];
         let seen = seen_with(middle_m, needed_m);
         let unseen = seen.map(|share| share < settings.seen_min);
-        // How wide open and how far off the middle the hand may come down, the best first.
-        let mut ways = vec![(needed_m, 0.0, seen[0].min(seen[1]))];
-        if unseen[0] != unseen[1] {
+        // How wide open and how far off the middle the hand may come down, and how much of the worse finger is seen there, the best first.
+        let aside = (unseen[0] != unseen[1]).then(|| {
             let away_m = if unseen[0] { -away_m(width_m, settings) } else { away_m(width_m, settings) };
-            let seen_aside = seen_with(middle_m + away_m, FINGER_OPENING_MAX_M);
-            ways.insert(0, (FINGER_OPENING_MAX_M, away_m, seen_aside[0].min(seen_aside[1])));
-        }
+            let seen = seen_with(middle_m + away_m, FINGER_OPENING_MAX_M);
+            (FINGER_OPENING_MAX_M, away_m, seen[0].min(seen[1]))
+        });
+        let mut ways = aside.into_iter().chain([(needed_m, 0.0, seen[0].min(seen[1]))]);
         let come_down = |(opening_m, away_m, seen): (f64, f64, f64)| {
             let down_m = middle_m + away_m;
             if self.is_more_between(down_m, opening_m) {
@@ -199,7 +199,7 @@ impl<'a> Between<'a> {
             let come = CENTERED.into_iter().find(|come| self.has_room([down_m, middle_m + (1.0 - come) * away_m], opening_m))?;
             Some((opening_m, middle_m + (1.0 - come) * away_m, come * away_m, seen))
         };
-        let (opening_m, offset_m, aside_m, seen) = ways.into_iter().find_map(come_down).ok_or(Misfit::FingerBlocked)?;
+        let (opening_m, offset_m, aside_m, seen) = ways.find_map(come_down).ok_or(Misfit::FingerBlocked)?;
         let Contact { depth_m, squareness, slope_rad, turn_rad, meeting } = *self.contact.get_or_init(|| self.contact(seen_span, facing));
         Ok(GripperFit { width_m, offset_m, aside_m, opening_m, depth_m, squareness, slope_rad, turn_rad, meeting, seen })
     }
