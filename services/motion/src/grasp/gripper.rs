@@ -16,7 +16,7 @@ use super::GraspCloud;
 use super::contact::{
     SlabPoint, contact_depth_m, mean_slope_rad, outline_slope_rad, slope_rad, squareness, touched_normals, wall_turn_rad,
 };
-use super::run::closed_on;
+use super::run::{APART_M, Fingers, closed_on};
 use super::wedge::{self, Meeting};
 
 /// How far the fingers reach beyond the grasp centre, metres.
@@ -66,6 +66,16 @@ impl Default for GripperSettings {
             seen_min: 0.6,
             palm_slack_m: 0.004,
             strays: 2,
+        }
+    }
+}
+
+impl GripperSettings {
+    fn fingers(&self) -> Fingers {
+        Fingers {
+            gap_m: self.finger_thickness_m + self.clearance_min_m,
+            widest_m: FINGER_OPENING_MAX_M - 2.0 * self.clearance_min_m,
+            points_min: self.points_min,
         }
     }
 }
@@ -145,7 +155,7 @@ impl<'a> Between<'a> {
     ) -> Result<Self, Misfit> {
         let points = seen_from_tcp(&object.points, world_from_tcp);
         let slab = slab(&points, settings)?;
-        let run = closed_on(&slab, settings)?;
+        let run = closed_on(&slab, &settings.fingers()).ok_or(Misfit::Empty)?;
         Ok(Self {
             world_from_tcp,
             object,
@@ -168,7 +178,7 @@ impl<'a> Between<'a> {
         let Self { world_from_tcp, view, settings, slab, run, .. } = self;
         let seen_span = (slab[run.start].0.y, slab[run.end - 1].0.y);
         let facing = [-1.0, 1.0].map(|side| facing(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view));
-        let widest_m = FINGER_OPENING_MAX_M - 2.0 * settings.clearance_min_m;
+        let widest_m = settings.fingers().widest_m;
         if seen_span.1 - seen_span.0 > widest_m {
             return Err(Misfit::TooWide);
         }
@@ -304,9 +314,6 @@ fn away_m(width_m: f64, settings: &GripperSettings) -> f64 {
 
 /// Shares of the way from where the open hand comes down to the middle of the object that are tried, the whole first.
 const CENTERED: [f64; 5] = [1.0, 0.75, 0.5, 0.25, 0.0];
-/// Further from the rest than the noise of depth is apart, metres.
-pub const APART_M: f64 = 0.006;
-
 /// How the pads meet the outline of what is between them, and whether that is a wall of something hollow: then nothing is amiss, as the outline says
 /// nothing of it.
 fn meeting(points: &[Point3<f32>], behind: &[Point3<f32>], (low, high): (f64, f64), settings: &GripperSettings) -> (Meeting, bool) {
