@@ -16,7 +16,8 @@ use crate::scenes::true_objects::true_corners;
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 800_000_000;
 /// How they are seen.
-const VIEWS: TrainingViews = TrainingViews { stream: 0xbac_cbac, views: 3, sizes: &[[640, 480], [320, 240]], found_masks: None };
+const VIEWS: TrainingViews =
+    TrainingViews { stream: 0xbac_cbac, views: 3, sizes: &[[640, 480], [320, 240]], found_masks: None, faults: None };
 
 /// The objects of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -18,7 +18,7 @@ use crate::statistics::forecast_fit::FitSample;
 pub const FIRST_SEED: u64 = 900_000_000;
 /// How they are seen.
 const VIEWS: TrainingViews =
-    TrainingViews { stream: 0xbea_2146, views: 3, sizes: &[[640, 480], [640, 480], [320, 240]], found_masks: Some(0.5) };
+    TrainingViews { stream: 0xbea_2146, views: 3, sizes: &[[640, 480], [640, 480], [320, 240]], found_masks: Some(0.5), faults: None };
 
 /// The pairs of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

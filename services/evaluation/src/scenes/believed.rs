@@ -94,6 +94,8 @@ fn compared(shape: &Shape, object: &SceneObject, scene: &SimulatedScene, eye: &P
     let across = Vector2::new(-away.y, away.x);
     let [near_m, far_m] = span(outline.corners(), &away);
     let [believed_near_m, believed_far_m] = span(believed_outline.corners(), &away);
+    let possible: Vec<Point2<f32>> = shape.with_doubt()?.corners().map(|corner| corner.xy()).collect();
+    let [_, possible_far_m] = span(&possible, &away);
     let solid = PlacedParts::new(&object.shape.parts, &object.world_from_object)?;
     let both = Aabb { min: bounds.min.inf(&believed_bounds.min), max: bounds.max.sup(&believed_bounds.max) };
     Some(BeliefDeviation {
@@ -105,7 +107,7 @@ fn compared(shape: &Shape, object: &SceneObject, scene: &SimulatedScene, eye: &P
         near_m: near_m - believed_near_m,
         axis_away_m: (shape.axis - known.axis).dot(&away),
         axis_across_m: (shape.axis - known.axis).dot(&across),
-        doubt_m: shape.doubt.norm(),
+        doubt_m: (possible_far_m - believed_far_m).max(0.0),
         base_overlap: overlap(cells(&both).filter(|p| p.z <= both.min.z + CELL_M), |p| {
             [&known.base, &shape.base].map(|base| base.margin(&p.xy()) >= 0.0)
         }),

@@ -13,7 +13,8 @@ use crate::scenes::training_views::TrainingViews;
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 870_000_000;
 /// How they are seen.
-const VIEWS: TrainingViews = TrainingViews { stream: 0xc0_4913, views: 3, sizes: &[[640, 480], [320, 240]], found_masks: Some(0.25) };
+const VIEWS: TrainingViews =
+    TrainingViews { stream: 0xc0_4913, views: 3, sizes: &[[640, 480], [320, 240]], found_masks: Some(0.25), faults: Some(0.15) };
 /// Heights in a slab at which it is asked whether it is filled, as shares of its own.
 const HEIGHTS: [f32; 3] = [0.2, 0.5, 0.8];
 

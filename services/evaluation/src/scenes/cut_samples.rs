@@ -16,7 +16,8 @@ use crate::scenes::true_objects::true_corners;
 /// The first of the training scenes that are learned from.
 pub const FIRST_SEED: u64 = 850_000_000;
 /// How they are seen.
-const VIEWS: TrainingViews = TrainingViews { stream: 0xc07_c07, views: 3, sizes: &[[640, 480], [320, 240]], found_masks: None };
+const VIEWS: TrainingViews =
+    TrainingViews { stream: 0xc07_c07, views: 3, sizes: &[[640, 480], [320, 240]], found_masks: None, faults: None };
 
 /// What was measured at an end of an object, and how far it goes on there, metres.
 pub type EndSample = (Vec<f32>, f32);

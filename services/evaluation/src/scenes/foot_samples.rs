@@ -12,7 +12,7 @@ use crate::statistics::forecast_fit::FitSample;
 pub const FIRST_SEED: u64 = 950_000_000;
 /// How they are seen.
 const VIEWS: TrainingViews =
-    TrainingViews { stream: 0xfee7, views: 2, sizes: &[[640, 480], [640, 480], [320, 240]], found_masks: Some(0.25) };
+    TrainingViews { stream: 0xfee7, views: 2, sizes: &[[640, 480], [640, 480], [320, 240]], found_masks: Some(0.25), faults: None };
 
 /// A level, and whether the object ends there.
 pub type TrueLevel = (Vec<f32>, bool);

@@ -141,7 +141,7 @@ fn shift_labels(frame: &mut Frame, by_px: f64, rng: &mut Pcg64) {
 }
 
 /// Takes round patches of readings off a third of the objects, until two fifths of each are gone.
-fn pierce(frame: &mut Frame, rng: &mut Pcg64) {
+pub(crate) fn pierce(frame: &mut Frame, rng: &mut Pcg64) {
     const SHINES: f64 = 1.0 / 3.0;
     const GONE: f64 = 0.4;
     let Some(labels) = &frame.labels else { return };
@@ -165,6 +165,17 @@ fn pierce(frame: &mut Frame, rng: &mut Pcg64) {
             gone = gone.max(pixels.iter().filter(|i| frame.depth[**i] == 0).count());
         }
     }
+}
+
+/// Takes the readings away that are farther than a camera of shorter reach sees: from a twentieth to a half farther than the middle one of what is labelled.
+pub(crate) fn shorten(frame: &mut Frame, rng: &mut Pcg64) {
+    let Some(labels) = &frame.labels else { return };
+    let mut of_objects: Vec<u16> =
+        labels.iter().zip(&frame.depth).filter(|(label, count)| **label != 0 && **count > 0).map(|(_, count)| *count).collect();
+    of_objects.sort_unstable();
+    let Some(middle) = of_objects.get(of_objects.len() / 2) else { return };
+    let most = f64::from(*middle) * rng.random_range(1.05..1.5);
+    frame.depth.iter_mut().filter(|count| f64::from(**count) > most).for_each(|count| *count = 0);
 }
 
 fn every_second_pixel(frame: &Frame) -> Frame {
@@ -227,6 +238,18 @@ mod tests {
         let believed = from_row_major(&camera.world_from_camera.expect("a pose").0).expect("rigid");
         assert!((believed.rotation.angle_to(&problem.world_from_camera.rotation).to_degrees() - 2.0).abs() < 1e-6);
         assert!(((believed.translation.vector - problem.world_from_camera.translation.vector).norm() - 0.02).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_camera_of_short_reach_reads_what_is_near_as_ever_and_nothing_farther() {
+        let (problem, _) = problem();
+        let mut frame = problem.frame.clone();
+        shorten(&mut frame, &mut Pcg64::new(3, 3));
+        let pairs = || problem.frame.depth.iter().zip(&frame.depth).filter(|(before, _)| **before > 0);
+        let nearest_gone = pairs().filter(|(_, now)| **now == 0).map(|(before, _)| *before).min().expect("it reads less");
+        assert!(pairs().filter(|(before, _)| **before < nearest_gone).all(|(before, now)| before == now));
+        assert!(pairs().all(|(before, now)| *before < nearest_gone || *now == 0));
+        assert!(pairs().filter(|(_, now)| **now > 0).count() > 1000, "half of the objects and more are within it");
     }
 
     #[test]

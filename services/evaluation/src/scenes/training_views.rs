@@ -6,10 +6,11 @@
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use repose_geometry::Isometry3;
-use repose_proto::Scene;
+use repose_perception::segment;
+use repose_proto::{Frame, Scene};
 use repose_simulator::scene::{KindWeights, SceneKind, SimulatedScene, scene_of_seed};
 
-use crate::scenes::perturbation::with_found_masks;
+use crate::scenes::perturbation::{pierce, shorten, with_found_masks};
 use crate::scenes::problem::{CameraView, ProblemSettings};
 
 /// Bands that are cleaned away around masks, pixels.
@@ -26,6 +27,8 @@ pub struct TrainingViews {
     pub sizes: &'static [[usize; 2]],
     /// The share of views whose masks perception finds; none where that is not even drawn.
     pub found_masks: Option<f64>,
+    /// The share of views by a camera of short reach, and as many of shiny things; none where that is not even drawn.
+    pub faults: Option<f64>,
 }
 
 /// A scene as it was seen.
@@ -35,6 +38,18 @@ pub struct TrainingView {
     pub observed: Scene,
     /// The camera's pose.
     pub world_from_camera: Isometry3<f64>,
+}
+
+/// Puts each of two faults on a share of the frames; whether any was.
+fn put_faults(frame: &mut Frame, share: f64, rng: &mut Pcg64) -> bool {
+    let is_put = [shorten, pierce].map(|put: fn(&mut Frame, &mut Pcg64)| {
+        let is_put = rng.random_bool(share);
+        if is_put {
+            put(frame, rng);
+        }
+        is_put
+    });
+    is_put.contains(&true)
 }
 
 impl TrainingViews {
@@ -49,10 +64,18 @@ impl TrainingViews {
             [settings.viewpoint.width, settings.viewpoint.height] = self.sizes[rng.random_range(0..self.sizes.len())];
             settings.perception.borders.radius_px = BORDERS_PX[rng.random_range(0..BORDERS_PX.len())];
             let finds_masks = self.found_masks.is_some_and(|share| rng.random_bool(share));
-            let Some(view) = CameraView::at_random(&truth, &settings, &mut rng, seed) else { continue };
-            let observed = if finds_masks { with_found_masks(view.frame, &settings.perception) } else { Ok(view.observed) };
+            let Some(CameraView { mut frame, observed, world_from_camera, .. }) = CameraView::at_random(&truth, &settings, &mut rng, seed)
+            else {
+                continue;
+            };
+            let is_faulty = self.faults.is_some_and(|share| put_faults(&mut frame, share, &mut rng));
+            let observed = match (finds_masks, is_faulty) {
+                (true, _) => with_found_masks(frame, &settings.perception),
+                (false, true) => segment(&frame, &settings.perception),
+                (false, false) => Ok(observed),
+            };
             let Ok(observed) = observed else { continue };
-            look(&truth, TrainingView { observed, world_from_camera: view.world_from_camera });
+            look(&truth, TrainingView { observed, world_from_camera });
         }
     }
 }

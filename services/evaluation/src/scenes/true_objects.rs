@@ -43,7 +43,8 @@ pub(crate) fn true_shape(object: &SceneObject, centroid: Point3<f64>) -> Option<
     };
     let count = (((top_m - bottom_m) / SLAB_M) as usize).clamp(1, MAX_SLABS);
     let height_m = |k: usize| bottom_m + (top_m - bottom_m) * k as f32 / count as f32;
-    let slab = |k: usize| Some(Slab { low_m: height_m(k), high_m: height_m(k + 1), outline: outline(height_m(k), height_m(k + 1))? });
+    let slab = |k: usize| Some(Slab::of(height_m(k), height_m(k + 1), outline(height_m(k), height_m(k + 1))?));
+    let base = outline(bottom_m, bottom_m + BASE_M)?;
     Some(Shape {
         centroid,
         axis: Point2::from(middle.xy()),
@@ -51,7 +52,8 @@ pub(crate) fn true_shape(object: &SceneObject, centroid: Point3<f64>) -> Option<
         bottom_m,
         top_m,
         slabs: (0..count).map(slab).collect::<Option<_>>()?,
-        base: outline(bottom_m, bottom_m + BASE_M)?,
+        turn_base: base.clone(),
+        base,
         doubt: Vector2::zeros(),
         foot_probability: 1.0,
         foot_doubt_m: 0.0,

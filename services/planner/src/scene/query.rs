@@ -83,10 +83,10 @@ impl QueryObject {
             .slabs
             .iter()
             .map(|slab| {
-                let mut cells = cells_around(&slab.outline, &origin, ring_m, cell_m);
-                let doubtful = doubt(&mut cells, &slab.outline, &origin, &shape.doubt);
+                let mut cells = cells_around(&slab.reach, &origin, ring_m, cell_m);
+                let doubtful = doubt(&mut cells, &slab.reach, &origin, &shape.doubt);
                 let inside = cells.iter().filter(|c| c.inside_m >= 0.0).count();
-                let sparse = cells_around(&slab.outline, &origin, 0.0, fixed.unseen.step_m).into_iter().map(|c| c.offset).collect();
+                let sparse = cells_around(&slab.reach, &origin, 0.0, fixed.unseen.step_m).into_iter().map(|c| c.offset).collect();
                 let offsets = cells.iter().map(|cell| cell.offset).collect();
                 Prism { low_m: slab.low_m - shape.bottom_m, high_m: slab.high_m - shape.bottom_m, cells, offsets, inside, doubtful, sparse }
             })

@@ -22,10 +22,10 @@ const WIDER: f32 = 1.3;
 const LEAST_HALF_M: f32 = 0.013;
 /// Cells are no larger than this in training scenes, but for one object in a thousand, metres.
 const MOST_CELL_M: f32 = 0.027;
-/// Most of a grid in which the picture has no reading.
-const MOST_UNREAD: f32 = 0.1;
 /// What is farther behind a cell, or before it, is as far, metres.
 const BEHIND_M: f32 = 0.06;
+/// Told as how far behind a cell something was read where that is beyond the picture's edge, and not merely without a reading: nothing's surface is nearer.
+const BEYOND_EDGE: f32 = -1.0;
 /// Sizes that are told as logarithms are told as shares of these: of a cell and of a slab, metres, and points.
 const USUAL: [f32; 3] = [0.008, 0.012, 1000.0];
 
@@ -40,8 +40,6 @@ pub struct Told {
     pub grid: Grid,
     /// What was seen of each cell, row by row.
     pub cells: Vec<[f32; CHANNELS]>,
-    /// The share of what the picture shows of the grid where it has no reading.
-    unread_share: f32,
 }
 
 impl ObservedGeometry<'_> {
@@ -51,14 +49,13 @@ impl ObservedGeometry<'_> {
         let front = Front::of(points, by_rule.bottom_m, &self.view.eye().xy(), &self.settings.shape)?;
         let grid = Grid::over(&front, by_rule);
         let cells = grid.cells(&Seen { id, points: points.len(), front: &front, shape: by_rule, view: self.view });
-        Some(Told { points: points.len(), front, grid, cells, unread_share: grid.unread_share(self.view) })
+        Some(Told { points: points.len(), front, grid, cells })
     }
 }
 
-/// Completes an object; none where nothing is likely enough, and where it is not like what was learned from: larger, or with no reading in much of the
-/// picture around it, as beside a table beyond which nothing is in the camera's reach.
+/// Completes an object; none where nothing is likely enough, and where it is larger than what was learned from.
 pub fn completed(told: &Told, by_rule: &Shape, settings: &CompletionSettings, shapes: &ShapeSettings) -> Option<Shape> {
-    if told.grid.cell_m > MOST_CELL_M || told.unread_share > MOST_UNREAD {
+    if told.grid.cell_m > MOST_CELL_M {
         return None;
     }
     let filled = network().filled(&told.cells);
@@ -138,12 +135,6 @@ impl Grid {
         Some([slab, within(count(&self.away))?, within(count(&self.across))?])
     }
 
-    /// The share of what a picture shows of the lowest slab where it has no reading.
-    fn unread_share(&self, view: &ObservedView) -> f32 {
-        let unread = (0..SIDE * SIDE).filter(|index| view.is_unread(&self.place(0, index / SIDE, index % SIDE))).count();
-        unread as f32 / (SIDE * SIDE) as f32
-    }
-
     /// What the network is told of each cell, row by row.
     fn cells(&self, seen: &Seen<'_>) -> Vec<[f32; CHANNELS]> {
         let Seen { id, points, front, shape, view } = *seen;
@@ -176,6 +167,8 @@ impl Grid {
                     } else {
                         4
                     }] = 1.0;
+                } else if !view.shows(&place) {
+                    told[1] = BEYOND_EDGE;
                 }
                 let fills = |s: &Slab| (s.low_m..=s.high_m).contains(&place.z) && s.outline.margin(&place.xy()) >= 0.0;
                 told[5] = f32::from(u8::from(shape.slabs.iter().any(fills)));
@@ -201,9 +194,13 @@ impl Answer<'_> {
         for slab in (0..SLABS).rev() {
             let (low_m, high_m) = (bottom_m + slab as f32 * slab_m, bottom_m + (slab + 1) as f32 * slab_m);
             let of_points = front.points.iter().filter(|p| p.z > low_m && p.z <= high_m).map(|p| p.xy());
-            let outline = Footprint::of_places(self.crossings(slab, settings.filled_from).into_iter().chain(of_points));
-            if let Some(outline) = outline.or_else(|| slabs.last().map(|s| s.outline.clone())) {
-                slabs.push(Slab { low_m, high_m, outline });
+            let of_points: Vec<Point2<f32>> = of_points.collect();
+            let of_level = |level: f32| Footprint::of_places(self.crossings(slab, level).into_iter().chain(of_points.iter().copied()));
+            let of_levels = of_level(settings.filled_from).zip(of_level(settings.reaches_from));
+            let of_levels =
+                of_levels.and_then(|(outline, reach)| Some(Slab { low_m, high_m, reach: reach.around_both(&outline)?, outline }));
+            if let Some(slab) = of_levels.or_else(|| slabs.last().map(|above| Slab { low_m, high_m, ..above.clone() })) {
+                slabs.push(slab);
             }
         }
         slabs.first_mut()?.high_m = by_rule.top_m;
@@ -211,7 +208,7 @@ impl Answer<'_> {
         let axis = self.center_of_mass()?;
         let base = self.base(&axis, &by_rule.base, settings)?;
         let reach_m = |places: &[Point2<f32>]| span(places, &front.away)[1];
-        let believed_m = slabs.iter().map(|s| reach_m(s.outline.corners())).fold(f32::NEG_INFINITY, f32::max);
+        let believed_m = slabs.iter().map(|s| reach_m(s.reach.corners())).fold(f32::NEG_INFINITY, f32::max);
         let possible_m = (0..SLABS).map(|slab| reach_m(&self.crossings(slab, settings.doubted_from))).fold(f32::NEG_INFINITY, f32::max);
         let doubt = front.away * (possible_m - believed_m).max(0.0);
         let slabs = merged(slabs, shapes.same_area_ratio);
@@ -294,6 +291,28 @@ mod tests {
     }
 
     #[test]
+    fn what_is_beyond_the_edge_of_the_picture_is_told_apart_from_what_has_no_reading() {
+        // Half of it is beyond the picture's edge, and the table ends before it does.
+        let scene = SceneBuilder::table().object(1, [0.56, 0.0], [0.12, 0.1, 0.1]).scene();
+        let pose = world_from_camera();
+        let seen = SeenScene::of(&scene, &pose);
+        let view = Belief::of(&seen, &BeliefSettings::default()).expect("a small scene").view;
+        let Told { grid, cells, .. } = &Belief::completion_grids(&seen, &BeliefSettings::default()).expect("a small scene")[&1];
+        let [mut beyond, mut unread] = [0; 2];
+        for (index, cell) in cells.iter().enumerate() {
+            for (slab, told) in cell[..OF_SLAB * SLABS].chunks_exact(OF_SLAB).enumerate() {
+                let place = grid.place(slab, index / SIDE, index % SIDE);
+                if view.reading(&place).is_none() {
+                    let is_beyond = !view.shows(&place);
+                    assert_eq!(told[1..5], [if is_beyond { -1.0 } else { 0.0 }, 0.0, 0.0, 0.0], "{place}");
+                    *(if is_beyond { &mut beyond } else { &mut unread }) += 1;
+                }
+            }
+        }
+        assert!(beyond > 100 && unread > 100, "{beyond}, {unread}");
+    }
+
+    #[test]
     fn a_slab_ends_between_the_cells_where_the_level_is_crossed() {
         let grid = grid();
         let of = |level: f32| Footprint::of_places(answer(&grid, 0.05, 0.03, 0.8).crossings(2, level)).expect("it has an extent");
@@ -332,6 +351,8 @@ mod tests {
                 );
                 assert!((f64::from(shape.axis[k]) - at[k]).abs() < 0.008, "{at:?}: {}", shape.axis);
             }
+            let keeps_clear = |slab: &Slab| slab.outline.corners().iter().all(|corner| slab.reach.margin(corner) > -1e-5);
+            assert!(shape.slabs.iter().all(keeps_clear), "{shape:?}");
             assert!((f64::from(shape.top_m) - size[2]).abs() < 0.005 && shape.base.margin(&shape.axis) > 0.015, "{shape:?}");
         }
     }

@@ -387,7 +387,7 @@ fn unseen_runs(id: u16, shape: &Shape, seen: &ColumnMap, looks: Option<&Observed
     let mut runs = Vec::new();
     let own_top_m = |place: &Point2<f32>| seen.at(place).iter().filter(|r| r.object == id).map(|r| r.high_m).reduce(f32::max);
     for slab in &shape.slabs {
-        for center in cells_of(&slab.outline, 0.0, seen) {
+        for center in cells_of(&slab.reach, 0.0, seen) {
             // A hollow that was looked into is as deep as it was seen to be.
             let own_m = own_top_m(&center).or_else(|| own_top_m(&(shape.turn_axis + (shape.turn_axis - center))));
             let high_m = own_m.unwrap_or(slab.high_m).min(slab.high_m);

@@ -382,11 +382,13 @@ impl Default for ViewSettings {
 /// in them: from .3, .4 and .5 on outlines have as much in common with the true ones, and of equals the wider are the safer obstacles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompletionSettings {
-    /// From so likely on a cell is the object's.
+    /// From so likely on a cell is the object's: where its prisms end.
     pub filled_from: f32,
+    /// From so likely on a cell is kept clear.
+    pub reaches_from: f32,
     /// From so likely on it is the base's.
     pub base_from: f32,
-    /// From so likely on the object may reach there.
+    /// From so likely on its back may be farther than that.
     pub doubted_from: f32,
     /// The centre of mass of what stands is farther than this inside of its base, metres.
     pub base_margin_m: f32,
@@ -394,6 +396,6 @@ pub struct CompletionSettings {
 
 impl Default for CompletionSettings {
     fn default() -> Self {
-        Self { filled_from: 0.3, base_from: 0.5, doubted_from: 0.1, base_margin_m: 0.004 }
+        Self { filled_from: 0.5, reaches_from: 0.3, base_from: 0.5, doubted_from: 0.1, base_margin_m: 0.004 }
     }
 }

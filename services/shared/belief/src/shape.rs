@@ -21,8 +21,22 @@ pub struct Slab {
     pub low_m: f32,
     /// Top, world z, metres.
     pub high_m: f32,
-    /// Outline seen from above, world frame.
+    /// Where it likely ends, seen from above, world frame.
     pub outline: Footprint,
+    /// Where it may end: what is to be kept clear. Around the outline, and the same where nothing tells them apart.
+    pub reach: Footprint,
+}
+
+impl Slab {
+    /// Between two heights, with one outline.
+    pub fn of(low_m: f32, high_m: f32, outline: Footprint) -> Self {
+        Self { low_m, high_m, reach: outline.clone(), outline }
+    }
+
+    /// With what its outlines become; none where one vanishes.
+    fn with(&self, outlines: impl Fn(&Footprint) -> Option<Footprint>) -> Option<Self> {
+        Some(Self { outline: outlines(&self.outline)?, reach: outlines(&self.reach)?, ..*self })
+    }
 }
 
 /// A completed object, where it was observed (world frame).
@@ -34,6 +48,8 @@ pub struct Shape {
     pub axis: Point2<f32>,
     /// About which half a turn takes what was seen of it to what was not, seen from above: in the middle between its ends.
     pub turn_axis: Point2<f32>,
+    /// Outline of the part that touches what it stands on, as that half turn makes it.
+    pub turn_base: Footprint,
     /// Height of what it stands on, world z, metres.
     pub bottom_m: f32,
     /// Height of its top, world z, metres.
@@ -120,7 +136,7 @@ impl Shape {
             let (low_m, high_m) = (bottom_m + k as f32 * step_m, bottom_m + (k + 1) as f32 * step_m);
             let outline = within(points, low_m, high_m).or_else(|| above.clone()).unwrap_or_else(|| whole.clone());
             above = Some(outline.clone());
-            slabs.push(Slab { low_m, high_m, outline: grown(&outline, *sides_by_m)? });
+            slabs.push(Slab::of(low_m, high_m, grown(&outline, *sides_by_m)?));
         }
         slabs.reverse();
         let slabs = merged(slabs, settings.same_area_ratio);
@@ -134,6 +150,7 @@ impl Shape {
             centroid: front.centroid,
             axis: *axis,
             turn_axis,
+            turn_base: base.clone(),
             bottom_m,
             top_m,
             slabs,
@@ -149,11 +166,12 @@ impl Shape {
         let there = |p: &Point2<f32>| (motion * Point3::new(p.x, p.y, 0.0).cast::<f64>()).cast::<f32>();
         let outline = |o: &Footprint| Footprint::of(&o.corners().iter().map(there).collect::<Vec<_>>());
         let rise_m = motion.translation.z as f32;
-        let slab = |s: &Slab| Some(Slab { low_m: s.low_m + rise_m, high_m: s.high_m + rise_m, outline: outline(&s.outline)? });
+        let slab = |s: &Slab| Some(Slab { low_m: s.low_m + rise_m, high_m: s.high_m + rise_m, ..s.with(outline)? });
         Some(Self {
             centroid: motion * self.centroid,
             axis: there(&self.axis).xy(),
             turn_axis: there(&self.turn_axis).xy(),
+            turn_base: outline(&self.turn_base)?,
             bottom_m: self.bottom_m + rise_m,
             top_m: self.top_m + rise_m,
             slabs: self.slabs.iter().map(slab).collect::<Option<_>>()?,
@@ -167,7 +185,7 @@ impl Shape {
     /// The shape of something that is known to reach to more places, seen from above. None where its outline vanishes.
     pub fn reaching(&self, places: &[Point2<f32>]) -> Option<Self> {
         let with = |outline: &Footprint| Footprint::of_places(outline.corners().iter().chain(places).copied());
-        let slabs: Vec<Slab> = self.slabs.iter().map(|s| Some(Slab { outline: with(&s.outline)?, ..s.clone() })).collect::<Option<_>>()?;
+        let slabs: Vec<Slab> = self.slabs.iter().map(|s| s.with(with)).collect::<Option<_>>()?;
         let (before, top) = (&self.slabs.last()?.outline, &slabs.last()?.outline);
         let reach_m = |outline: &Footprint, back: &Vector2<f32>| span(outline.corners(), back)[1];
         // What is known of its back is no longer in doubt.
@@ -176,7 +194,7 @@ impl Shape {
         // As far to one side of its middle as to the other.
         let moved = area_centroid(top) - area_centroid(before);
         let (axis, turn_axis) = (self.axis + moved, self.turn_axis + moved);
-        Some(Self { axis, turn_axis, doubt, base: with(&self.base)?, slabs, ..self.clone() })
+        Some(Self { axis, turn_axis, doubt, base: with(&self.base)?, turn_base: with(&self.turn_base)?, slabs, ..self.clone() })
     }
 
     /// The same with its top at another height, above its bottom.
@@ -192,10 +210,10 @@ impl Shape {
         (motion.rotation * self.doubt.push(0.0).cast::<f64>()).xy().cast::<f32>()
     }
 
-    /// The shape with all that its back may be. None where an outline vanishes.
+    /// The shape with all that it and its back may be. None where an outline vanishes.
     pub fn with_doubt(&self) -> Option<Self> {
         let swept = |outline: &Footprint| Footprint::of_places(outline.corners().iter().flat_map(|c| [*c, c + self.doubt]));
-        let slabs = self.slabs.iter().map(|slab| Some(Slab { outline: swept(&slab.outline)?, ..slab.clone() })).collect::<Option<_>>()?;
+        let slabs = self.slabs.iter().map(|slab| Some(Slab::of(slab.low_m, slab.high_m, swept(&slab.reach)?))).collect::<Option<_>>()?;
         Some(Self { slabs, ..self.clone() })
     }
 
@@ -264,8 +282,8 @@ pub(crate) fn merged(slabs: Vec<Slab>, same_area_ratio: f32) -> Vec<Slab> {
         let with_it = covered.as_ref().and_then(|covered| covered.around_both(&slab.outline));
         match (out.last_mut(), with_it) {
             (Some(last), Some(with_it)) if are_alike(&last.outline, &slab.outline, &with_it, same_area_ratio) => {
-                if slab.outline.area() > last.outline.area() {
-                    last.outline = slab.outline;
+                if slab.reach.area() > last.reach.area() {
+                    (last.outline, last.reach) = (slab.outline, slab.reach);
                 }
                 last.high_m = slab.high_m;
                 covered = Some(with_it);
@@ -308,7 +326,7 @@ mod tests {
             Footprint::of(&corners.map(|[x, y]: [f32; 2]| Point3::new(at[0] + x * half[0], at[1] + y * half[1], 0.0))).unwrap()
         };
         let joined = |outlines: Vec<Footprint>| {
-            let slab = |(k, outline)| Slab { low_m: 0.01 * k as f32, high_m: 0.01 * (k + 1) as f32, outline };
+            let slab = |(k, outline)| Slab::of(0.01 * k as f32, 0.01 * (k + 1) as f32, outline);
             merged(outlines.into_iter().enumerate().map(slab).collect(), ShapeSettings::default().same_area_ratio)
         };
         let box_of = joined(vec![outline([0.0, 0.0], [0.04, 0.03]); 5]);

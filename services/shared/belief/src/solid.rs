@@ -31,7 +31,7 @@ impl CompletedSurface {
     pub fn standing(seen: &[Point3<f32>], shape: &Shape) -> Self {
         let seen = cloud::voxel_downsampled(seen, VOXEL_M);
         let far = far_side(&seen, &shape.turn_axis);
-        let base = shape.base.corners().iter().map(|c| Point3::new(c.x, c.y, shape.bottom_m));
+        let base = shape.turn_base.corners().iter().map(|c| Point3::new(c.x, c.y, shape.bottom_m));
         let count = seen.len();
         let points = seen.into_iter().chain(far).chain(base).collect();
         let volumes = shape.slabs.iter().map(|s| (s.outline.area() * (s.high_m - s.low_m), (s.low_m + s.high_m) / 2.0));

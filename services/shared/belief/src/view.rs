@@ -135,6 +135,11 @@ impl ObservedView {
         Some(DepthReading { object: pixel.object, behind_m: pixel.depth_m - in_camera.z as f32 })
     }
 
+    /// Whether a place (world frame) is within the picture's edges.
+    pub fn shows(&self, place: &Point3<f32>) -> bool {
+        self.camera.pixel_of(&(self.camera_from_world * place.cast::<f64>())).is_some()
+    }
+
     /// Whether the camera saw past a place (world frame): something lies clearly behind it.
     ///
     /// Pixels without a reading (borders of objects are cleaned away) take the word of the nearest thing around them.
@@ -142,12 +147,6 @@ impl ObservedView {
         let in_camera = self.camera_from_world * place.cast::<f64>();
         let nearest_m = self.camera.pixel_of(&in_camera).and_then(|at| self.nearest_around_m(at));
         nearest_m.is_some_and(|read_m| read_m > in_camera.z as f32 + BEHIND_M)
-    }
-
-    /// Whether the picture has no reading at a place (world frame) and around it, though it shows it.
-    pub fn is_unread(&self, place: &Point3<f32>) -> bool {
-        let at = self.camera.pixel_of(&(self.camera_from_world * place.cast::<f64>()));
-        at.is_some_and(|at| self.nearest_around_m(at).is_none())
     }
 
     /// The nearest of the readings at a pixel, or of those on the smallest ring around it that has any; none where that is too large.
