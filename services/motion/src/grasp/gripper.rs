@@ -16,69 +16,14 @@ use super::GraspCloud;
 use super::contact::{
     SlabPoint, contact_depth_m, mean_slope_rad, outline_slope_rad, slope_rad, squareness, touched_normals, wall_turn_rad,
 };
-use super::run::{APART_M, Fingers, closed_on};
+use super::run::{APART_M, closed_on};
+use super::settings::GripperSettings;
 use super::wedge::{self, Meeting};
 
 /// How far the fingers reach beyond the grasp centre, metres.
 pub const TIP_BEYOND_TCP_M: f64 = 0.013;
 /// How far the grasp centre may be below the object's top, metres: then the palm touches it.
 pub const DEPTH_MAX_M: f64 = 0.029;
-
-/// The gripper's sizes and margins.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GripperSettings {
-    /// Half the width of a finger across (along x), metres. Default 0.0105.
-    pub finger_half_width_m: f64,
-    /// How thick a finger is along the closing direction, metres. Default 0.022.
-    pub finger_thickness_m: f64,
-    /// Room between the object as it is believed to be and each open finger, metres. Default 0.011.
-    pub clearance_m: f64,
-    /// The same where something stands beside the object, metres. Default 0.005.
-    pub clearance_beside_m: f64,
-    /// The least room where the opening allows no more, metres. Default 0.003.
-    pub clearance_min_m: f64,
-    /// How much of the object is missing at a border of what was seen of it, as borders are cleaned away, pixels of the camera's picture. Default 2.5,
-    /// as for what is believed of a scene: 5 mm at 1.2 m from a camera with a focal length of 600 pixels.
-    pub border_px: f32,
-    /// Points between the pads that make a grasp. Default 6.
-    pub points_min: usize,
-    /// Room for the finger that was seen to have some, where the other has not, metres. Default 0.006.
-    pub clearance_seen_m: f64,
-    /// Share of a finger that must be seen to be in free space to count as seen. Default 0.6.
-    pub seen_min: f64,
-    /// How deep points may be inside the palm, metres: the sensor's noise. Default 0.004.
-    pub palm_slack_m: f64,
-    /// Stray points that are tolerated inside a finger or the palm. Default 2.
-    pub strays: usize,
-}
-
-impl Default for GripperSettings {
-    fn default() -> Self {
-        Self {
-            finger_half_width_m: 0.0105,
-            finger_thickness_m: 0.022,
-            clearance_m: 0.011,
-            clearance_beside_m: 0.005,
-            clearance_min_m: 0.003,
-            border_px: 2.5,
-            points_min: 6,
-            clearance_seen_m: 0.006,
-            seen_min: 0.6,
-            palm_slack_m: 0.004,
-            strays: 2,
-        }
-    }
-}
-
-impl GripperSettings {
-    fn fingers(&self) -> Fingers {
-        Fingers {
-            gap_m: self.finger_thickness_m + self.clearance_min_m,
-            widest_m: FINGER_OPENING_MAX_M - 2.0 * self.clearance_min_m,
-            points_min: self.points_min,
-        }
-    }
-}
 
 /// What the fingers close on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -155,7 +100,7 @@ impl<'a> Between<'a> {
     ) -> Result<Self, Misfit> {
         let points = seen_from_tcp(&object.points, world_from_tcp);
         let slab = slab(&points, settings)?;
-        let run = closed_on(&slab, &settings.fingers()).ok_or(Misfit::Empty)?;
+        let run = closed_on(&slab, settings).ok_or(Misfit::Empty)?;
         Ok(Self {
             world_from_tcp,
             object,
@@ -178,7 +123,7 @@ impl<'a> Between<'a> {
         let Self { world_from_tcp, view, settings, slab, run, .. } = self;
         let seen_span = (slab[run.start].0.y, slab[run.end - 1].0.y);
         let facing = [-1.0, 1.0].map(|side| facing(&(world_from_tcp.rotation * Vector3::y() * side), world_from_tcp, view));
-        let widest_m = settings.fingers().widest_m;
+        let widest_m = settings.widest_m();
         if seen_span.1 - seen_span.0 > widest_m {
             return Err(Misfit::TooWide);
         }

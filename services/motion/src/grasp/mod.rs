@@ -11,6 +11,7 @@ pub mod gripper;
 pub mod normals;
 mod run;
 pub mod score;
+pub mod settings;
 pub mod top_down;
 pub mod wedge;
 
@@ -24,8 +25,8 @@ use repose_panda::{GRIPPER_SPHERES, Link, LinkFrame, SPHERE_LINKS, gripper_spher
 use crate::collision::PALM_OUT_M;
 use crate::obstacles::Obstacles;
 use choice::Choice;
-use gripper::GripperSettings;
 pub use score::GraspWeights;
+use settings::GripperSettings;
 
 /// A candidate grasp: the pose of the grasp centre, and the finger opening on approach.
 #[derive(Debug, Clone, Copy, PartialEq)]

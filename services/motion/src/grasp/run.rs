@@ -9,50 +9,40 @@ use std::ops::Range;
 use repose_panda::FINGER_OPENING_MAX_M;
 
 use super::contact::SlabPoint;
+use super::settings::GripperSettings;
 
 /// Further from the rest than the noise of depth is apart, metres.
 pub const APART_M: f64 = 0.006;
 
-/// What of a gripper tells what its fingers close on.
-#[derive(Debug, Clone, Copy)]
-pub struct Fingers {
-    /// Between points that are this far apart along y a finger fits with its room, metres.
-    pub gap_m: f64,
-    /// The widest thing that they close on, metres.
-    pub widest_m: f64,
-    /// Fewer points are nothing to close on.
-    pub points_min: usize,
-}
-
 /// What the fingers close on of the points between the planes of the pads (sorted along y): the run at the middle. Where the middle is over the hollow
 /// between two walls, further from both than the noise of depth, it is both of them, if the hand opens wide enough for both. None where the fingers reach
 /// nothing.
-pub fn closed_on(slab: &[SlabPoint], fingers: &Fingers) -> Option<Range<usize>> {
-    let near = run_at_the_middle(slab, fingers)?;
+pub fn closed_on(slab: &[SlabPoint], settings: &GripperSettings) -> Option<Range<usize>> {
+    let near = run_at_the_middle(slab, settings)?;
     let (low, high) = (slab[near.start].0.y, slab[near.end - 1].0.y);
     let beyond = if high < -APART_M && near.end < slab.len() {
-        run_around(near.end, slab, fingers)
+        run_around(near.end, slab, settings)
     } else if low > APART_M && near.start > 0 {
-        run_around(near.start - 1, slab, fingers)
+        run_around(near.start - 1, slab, settings)
     } else {
         return Some(near);
     };
     let both = near.start.min(beyond.start)..near.end.max(beyond.end);
     let width_m = slab[both.end - 1].0.y - slab[both.start].0.y;
-    let fits = beyond.len() >= fingers.points_min && width_m <= fingers.widest_m;
+    let fits = beyond.len() >= settings.points_min && width_m <= settings.widest_m();
     Some(if fits { both } else { near })
 }
 
 /// The run of points (sorted along y) around the one nearest y = 0.
-fn run_at_the_middle(slab: &[SlabPoint], fingers: &Fingers) -> Option<Range<usize>> {
+fn run_at_the_middle(slab: &[SlabPoint], settings: &GripperSettings) -> Option<Range<usize>> {
     let middle = (0..slab.len()).min_by(|a, b| slab[*a].0.y.abs().total_cmp(&slab[*b].0.y.abs()))?;
     let is_reached = slab[middle].0.y.abs() <= 0.5 * FINGER_OPENING_MAX_M;
-    is_reached.then(|| run_around(middle, slab, fingers)).filter(|run| run.len() >= fingers.points_min)
+    is_reached.then(|| run_around(middle, slab, settings)).filter(|run| run.len() >= settings.points_min)
 }
 
 /// The run of points (sorted along y) around one of them, ended by gaps that a finger and its room fit into.
-fn run_around(point: usize, slab: &[SlabPoint], fingers: &Fingers) -> Range<usize> {
-    let gap_m = fingers.gap_m;
+fn run_around(point: usize, slab: &[SlabPoint], settings: &GripperSettings) -> Range<usize> {
+    let gap_m = settings.finger_thickness_m + settings.clearance_min_m;
     let (mut start, mut end) = (point, point + 1);
     while start > 0 && slab[start].0.y - slab[start - 1].0.y < gap_m {
         start -= 1;
@@ -69,8 +59,6 @@ mod tests {
 
     use super::*;
 
-    const FINGERS: Fingers = Fingers { gap_m: 0.025, widest_m: 0.074, points_min: 6 };
-
     /// Walls of 4 mm at these places along y, eight points each, sorted.
     fn walls(at_m: &[f64]) -> Vec<SlabPoint> {
         let place = |wall: f64| (0..8).map(move |k| wall - 0.002 + 0.0005 * f64::from(k));
@@ -78,7 +66,7 @@ mod tests {
     }
 
     fn closed_on_of(at_m: &[f64]) -> Range<usize> {
-        closed_on(&walls(at_m), &FINGERS).expect("something is between the fingers")
+        closed_on(&walls(at_m), &GripperSettings::default()).expect("something is between the fingers")
     }
 
     #[test]
@@ -102,7 +90,7 @@ mod tests {
 
     #[test]
     fn what_the_fingers_do_not_reach_is_nothing_to_close_on() {
-        assert_eq!(closed_on(&walls(&[0.06]), &FINGERS), None);
-        assert_eq!(closed_on(&[], &FINGERS), None);
+        assert_eq!(closed_on(&walls(&[0.06]), &GripperSettings::default()), None);
+        assert_eq!(closed_on(&[], &GripperSettings::default()), None);
     }
 }
