@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
 use rand_pcg::Pcg64;
+use repose_planner::learned::neighbours::beside;
 use repose_planner::learned::standing::Stance;
 use repose_planner::settings::SupportSettings;
 use repose_planner::{PreparedScene, turned_over, turns};
@@ -60,7 +61,7 @@ impl SceneStances {
                 stances.stands.extend(stands.get(id).map(|stood| (stance.measures(None), *stood)));
                 for (other, neighbour) in seen.iter().filter(|(other, _)| *other != id) {
                     let stayed = stays.get(id).and_then(|others| others.get(other));
-                    stances.stays.extend(stayed.zip(neighbour.beside(stance)).map(|(stayed, measures)| (measures, *stayed)));
+                    stances.stays.extend(stayed.zip(beside(neighbour, stance)).map(|(stayed, measures)| (measures, *stayed)));
                 }
             }
             let in_view = truth.objects.iter().filter(|object| seen.contains_key(&object.id));

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::judge::problem::PlacementProblem;
 use crate::learned::forecast::Forecasts;
-use crate::learned::standing::StanceMeasures;
+use crate::learned::neighbours::StanceMeasures;
 use crate::scene::turned::Turned;
 
 /// How an object stands, by the forecasts.

@@ -9,7 +9,7 @@ use repose_proto::CallError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::learned::{stability, standing, success};
+use crate::learned::{neighbours, stability, standing, success};
 use repose_belief::boosted_trees::BoostedTrees;
 
 /// What the weights call the forecast that an object stays ([`stability`]).
@@ -137,7 +137,7 @@ impl Forecasts {
         Ok(Self {
             stability: needed(STABILITY, &stability::names(), "stability")?,
             stands: needed(STANDS, &standing::names(), "standing")?,
-            neighbour_stays: needed(NEIGHBOUR_STAYS, &standing::names_of_neighbour(), "standing")?,
+            neighbour_stays: needed(NEIGHBOUR_STAYS, &neighbours::names(), "standing")?,
             success: read(SUCCESS, &success::names())?,
         })
     }
@@ -166,7 +166,7 @@ mod tests {
         assert!(of(&[]).unwrap_err().message.contains("no forecast stability"));
         assert!(of(&[(STABILITY, &value)]).unwrap_err().message.contains("stability: measures"));
         let made = |names: &[&str]| serde_json::to_value(Forecast::new(names, leaf(1.0), ForecastFitData::default()).unwrap()).unwrap();
-        let (stability, stands, stays) = (made(&stability::names()), made(&standing::names()), made(&standing::names_of_neighbour()));
+        let (stability, stands, stays) = (made(&stability::names()), made(&standing::names()), made(&neighbours::names()));
         assert!(of(&[(STABILITY, &stability)]).unwrap_err().message.contains("--network standing"));
         let needed = [(STABILITY, &stability), (STANDS, &stands), (NEIGHBOUR_STAYS, &stays)];
         assert_eq!(of(&needed).unwrap().success, None);

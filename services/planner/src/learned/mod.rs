@@ -3,6 +3,7 @@
 pub mod forecast;
 pub mod mixture;
 pub mod models;
+pub mod neighbours;
 pub mod stability;
 pub mod standing;
 pub mod success;

@@ -5,11 +5,7 @@
 //! without moving that. Both are properties of the scene, not of a place: no search finds a way around them. They are fitted on objects of
 //! training scenes that were set down alone, as they lay and on other sides, and taken away, in simulation (`repose train --network standing`).
 
-use std::sync::Arc;
-
-use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
-use repose_belief::columns::cells_of;
-use repose_belief::outlines::separating_gap_m;
+use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 use repose_belief::shape::Shape;
 use repose_belief::solid::CompletedSurface;
 use repose_geometry::{Footprint, cloud};
@@ -20,8 +16,6 @@ use crate::scene::turned::Turned;
 
 /// A measure of an object: its name, and how it is computed.
 type OfObject = (&'static str, fn(&Stance<'_>) -> f64);
-/// A measure of an object and its neighbour.
-type OfPair = (&'static str, fn(&Pair<'_>) -> f64);
 
 /// The measures of an object, in the order that the trees read: lengths in metres, angles in radians, shares from 0 to 1, flags 0 or 1.
 const MEASURES: [OfObject; 31] = [
@@ -68,31 +62,10 @@ const MEASURES: [OfObject; 31] = [
     ("carries", |s| flag(!s.prepared.belief.carried(s.id).is_empty())),
 ];
 
-/// What is measured of a neighbour beside its own measures.
-const BESIDE: [OfPair; 11] = [
-    // The gap between the two shapes, and to the nearest other thing that the neighbour may rest on instead.
-    ("pair_gap", |p| p.gap_m),
-    ("pair_other_gap", |p| p.other_gap_m()),
-    // How far their outlines, of what was seen from above, reach over each other.
-    ("pair_over", |p| p.over_m()),
-    // Whether the neighbour's highest part is towards the object.
-    ("pair_lean_to", |p| f64::from(cosine(&(p.object.shape.axis - p.neighbour.shape.axis), &p.neighbour.lean))),
-    // How much of the neighbour's base is over the object's top.
-    ("pair_on_top", |p| p.share_on_top()),
-    // The neighbour's bottom and top above the object's, and its bottom above the object's top.
-    ("pair_bottoms", |p| f64::from(p.neighbour.shape.bottom_m - p.object.shape.bottom_m)),
-    ("pair_tops", |p| f64::from(p.neighbour.shape.top_m - p.object.shape.top_m)),
-    ("pair_bottom_over_top", |p| f64::from(p.neighbour.shape.bottom_m - p.object.shape.top_m)),
-    // The object's own height and spans.
-    ("pair_height", |p| p.object.height_m),
-    ("pair_length", |p| p.object.traits.spans_m[0]),
-    ("pair_width", |p| p.object.traits.spans_m[1]),
-];
-
 /// Neighbours are near within this distance, metres.
 pub const NEAR_M: f64 = 0.03;
 /// Distances are cut here, metres.
-const FAR_M: f64 = 0.1;
+pub const FAR_M: f64 = 0.1;
 /// The lowest part of an object is this high, metres, or …
 const FOOT_M: f32 = 0.012;
 /// … this share of its height, whichever is more.
@@ -111,62 +84,30 @@ pub fn names() -> Vec<&'static str> {
     names_of_object().chain(Turned::MEASURES).collect()
 }
 
-/// The names of the measures of a neighbour.
-pub fn names_of_neighbour() -> Vec<&'static str> {
-    names_of_object().chain(BESIDE.iter().map(|(name, _)| *name)).collect()
-}
-
-fn names_of_object() -> impl Iterator<Item = &'static str> {
+/// The names of an object's own measures, as it lies.
+pub fn names_of_object() -> impl Iterator<Item = &'static str> {
     MEASURES.iter().map(|(name, _)| *name)
-}
-
-/// The measures that the forecasts of an object read.
-#[derive(Debug, Clone, PartialEq)]
-pub struct StanceMeasures {
-    /// Of the object.
-    of_object: Vec<f32>,
-    /// Of each of its neighbours beside it.
-    pub neighbours: Vec<Vec<f32>>,
-}
-
-impl StanceMeasures {
-    /// Of an object of a scene; none without an extent.
-    pub fn of(prepared: &PreparedScene, id: u16) -> Option<Self> {
-        let stance = Stance::of(prepared, id)?;
-        let near = prepared.belief.objects.iter().filter(|(other, o)| **other != id && o.shape.as_ref().is_some_and(|s| stance.is_near(s)));
-        let neighbours = near.filter_map(|(other, _)| Stance::of(prepared, *other)?.beside(&stance)).collect();
-        Some(Self { of_object: stance.of_object(), neighbours })
-    }
-
-    /// Of the object, which was turned over in this way, in the order of [`names`].
-    pub fn own(&self, turned: Option<&Turned<'_>>) -> Vec<f32> {
-        with_turn(self.of_object.clone(), turned)
-    }
-}
-
-/// The object whose stance was measured.
-#[derive(Debug, PartialEq)]
-struct StanceKey(u16);
-
-impl PreparedScene {
-    /// [`StanceMeasures::of`], made once.
-    pub fn stance_measures(&self, id: u16) -> Option<Arc<StanceMeasures>> {
-        self.kept.of(self.belief.objects.len(), StanceKey(id), || StanceMeasures::of(self, id).ok_or(())).ok()
-    }
 }
 
 /// An object where it was seen, with everything that the measures read.
 #[derive(Debug, Clone)]
 pub struct Stance<'a> {
-    prepared: &'a PreparedScene,
-    id: u16,
-    shape: &'a Shape,
-    height_m: f64,
+    /// The scene.
+    pub prepared: &'a PreparedScene,
+    /// The object.
+    pub id: u16,
+    /// Its believed shape.
+    pub shape: &'a Shape,
+    /// How high that is, metres.
+    pub height_m: f64,
     points: f64,
-    cloud: Vec<Point3<f32>>,
-    traits: StandingTraits,
+    /// Its points, thinned out, world frame.
+    pub cloud: Vec<Point3<f32>>,
+    /// What was seen of how it stands.
+    pub traits: StandingTraits,
     axes: Axes,
-    lean: Vector2<f32>,
+    /// From the middle of its lowest part to that of its highest, seen from above, metres.
+    pub lean: Vector2<f32>,
     /// How far every other object is, metres, and where it is seen from above.
     gaps: Vec<(f64, Vector2<f32>)>,
     /// The outline of its lowest points.
@@ -200,17 +141,9 @@ impl<'a> Stance<'a> {
         with_turn(self.of_object(), turned)
     }
 
-    fn of_object(&self) -> Vec<f32> {
+    /// Its own measures as it lies, in the order of [`names_of_object`].
+    pub fn of_object(&self) -> Vec<f32> {
         MEASURES.iter().map(|(_, of)| of(self) as f32).collect()
-    }
-
-    /// Its measures as a neighbour of another object, in the order of [`names_of_neighbour`]; none where it is not near.
-    pub fn beside(&self, object: &Self) -> Option<Vec<f32>> {
-        let pair = Pair { neighbour: self, object, gap_m: self.shape.gap_m(object.shape) };
-        (pair.gap_m <= NEAR_M).then(|| {
-            let beside = BESIDE.iter().map(|(_, of)| of(&pair) as f32);
-            self.of_object().into_iter().chain(beside).collect()
-        })
     }
 
     /// Whether a shape is near enough to be that of a neighbour.
@@ -243,32 +176,8 @@ impl<'a> Stance<'a> {
     }
 }
 
-/// An object and a neighbour of it.
-struct Pair<'a> {
-    neighbour: &'a Stance<'a>,
-    object: &'a Stance<'a>,
-    gap_m: f64,
-}
-
-impl Pair<'_> {
-    fn other_gap_m(&self) -> f64 {
-        let others = self.neighbour.prepared.belief.objects.iter().filter(|(id, _)| ![self.neighbour.id, self.object.id].contains(id));
-        others.filter_map(|(_, o)| o.shape.as_ref()).map(|shape| self.neighbour.shape.gap_m(shape)).fold(FAR_M, f64::min)
-    }
-
-    fn over_m(&self) -> f64 {
-        let outlines = Footprint::of(&self.neighbour.cloud).zip(Footprint::of(&self.object.cloud));
-        outlines.map_or(0.0, |(a, b)| f64::from((-separating_gap_m(a.corners(), b.corners())).max(0.0)))
-    }
-
-    fn share_on_top(&self) -> f64 {
-        let Some(top) = self.object.shape.slabs.last() else { return 0.0 };
-        let cells: Vec<Point2<f32>> = cells_of(&self.neighbour.shape.base, 0.0, &self.neighbour.prepared.belief.columns).collect();
-        cells.iter().filter(|c| top.outline.margin(c) >= 0.0).count() as f64 / cells.len().max(1) as f64
-    }
-}
-
-fn with_turn(of_object: Vec<f32>, turned: Option<&Turned<'_>>) -> Vec<f32> {
+/// An object's own measures and how it was turned over, in the order of [`names`].
+pub fn with_turn(of_object: Vec<f32>, turned: Option<&Turned<'_>>) -> Vec<f32> {
     of_object.into_iter().chain(Turned::measures(turned).map(|value| value as f32)).collect()
 }
 
@@ -284,7 +193,7 @@ fn foot(cloud: &[Point3<f32>], shape: &Shape) -> Option<Footprint> {
 }
 
 /// The cosine of the angle between two directions; 0 where one has no length.
-fn cosine(a: &Vector2<f32>, b: &Vector2<f32>) -> f32 {
+pub fn cosine(a: &Vector2<f32>, b: &Vector2<f32>) -> f32 {
     let (a, b) = (a.try_normalize(1e-4), b.try_normalize(1e-4));
     a.zip(b).map_or(0.0, |(a, b)| a.dot(&b))
 }
@@ -369,17 +278,6 @@ mod tests {
         let above = stance(3);
         assert_eq!(of(&above)("on_object"), 1.0);
         is(of(&above)("above_lowest"), 0.03, 0.008);
-        let beside = |name: &str| above.beside(&low).unwrap()[names_of_neighbour().iter().position(|n| *n == name).unwrap()];
-        is(beside("pair_bottom_over_top"), 0.0, 0.008);
-        assert!(beside("pair_on_top") > 0.8 && beside("pair_over") > 0.03);
-        is(beside("pair_bottoms"), 0.03, 0.008);
-    }
-
-    #[test]
-    fn a_stance_is_measured_once() {
-        let scene = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).prepared();
-        assert!(Arc::ptr_eq(&scene.stance_measures(1).unwrap(), &scene.stance_measures(1).unwrap()));
-        assert!(scene.stance_measures(9).is_none(), "no such object");
     }
 
     #[test]
@@ -411,13 +309,5 @@ mod tests {
         for (near, far) in told(&cloud).into_iter().zip(told(&far)) {
             assert!((near - far).abs() < 1e-4, "{near}, not {far}");
         }
-    }
-
-    #[test]
-    fn an_object_far_from_another_is_no_neighbour_of_it() {
-        let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.06, 0.06, 0.1]).object(2, [0.2, 0.0], [0.06, 0.06, 0.06]).prepared();
-        let stance = |id| Stance::of(&prepared, id).unwrap();
-        assert_eq!(stance(1).beside(&stance(2)), None);
-        assert!(stance(1).measures(None).iter().all(|m| m.is_finite()));
     }
 }

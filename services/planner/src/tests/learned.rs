@@ -6,7 +6,7 @@ use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, Rejection, Variant
 use repose_proto::{ErrorCode, Relation};
 
 use crate::learned::forecast::Forecast;
-use crate::learned::{standing, success};
+use crate::learned::{neighbours, standing, success};
 use crate::plan::{SearchStep, plan, plan_with_report};
 use crate::tests::fake::{BESIDE, Fake, always, moved_by, request, run, scene, stepped};
 use crate::tests::synthetic::{Prepared, SceneBuilder};
@@ -114,7 +114,7 @@ fn best_does_not_move_what_would_tip_or_bring_a_neighbour_down_and_says_which() 
         .object(3, [-0.25, -0.13], [0.05, 0.05, 0.06])
         .prepared();
     let asked = request(&prepared, Variant::Best, &["right_of:1"]);
-    let (stands, stays) = (standing::names(), standing::names_of_neighbour());
+    let (stands, stays) = (standing::names(), neighbours::names());
     let fake = |of_stands: f32, of_neighbour: f32| Fake {
         stands: Some(always(of_stands, &stands)),
         neighbour_stays: Some(always(of_neighbour, &stays)),

@@ -3,20 +3,20 @@
 
 use std::collections::BTreeMap;
 
-use crate::bearing::{Bearing, candidates};
+use crate::bearing::{Bearing, Candidate};
 use crate::shape::Shape;
 use crate::standing::{ObservedGeometry, is_on};
 
-/// Which objects each object carries, by its id: those that stand on it or in it, also if they stand on others besides. Objects that carry nothing
-/// are left out.
-pub fn carried_by(seen: &ObservedGeometry<'_>, shapes: &BTreeMap<u16, Shape>) -> BTreeMap<u16, Vec<u16>> {
+/// Which objects each object carries, by its id: those that stand on it or in it, also if they stand on others besides; `pairs` are those of which one
+/// may bear the other. Objects that carry nothing are left out.
+pub fn carried_by(seen: &ObservedGeometry<'_>, shapes: &BTreeMap<u16, Shape>, pairs: &[Candidate]) -> BTreeMap<u16, Vec<u16>> {
     let settings = &seen.settings.stack;
     let mut carried: BTreeMap<u16, Vec<u16>> = BTreeMap::new();
     for (carrier, below) in shapes {
         let above = shapes.iter().filter(|(id, above)| *id != carrier && is_on(above, below, seen.columns, settings));
         carried.entry(*carrier).or_default().extend(above.map(|(id, _)| *id));
     }
-    for pair in candidates(seen, shapes) {
+    for pair in pairs {
         let loads = carried.entry(pair.carrier).or_default();
         if !loads.contains(&pair.load) && Bearing::own().probability(&pair.measures) >= settings.carried_probability {
             loads.push(pair.load);

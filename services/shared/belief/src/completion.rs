@@ -55,11 +55,12 @@ impl ObservedGeometry<'_> {
 
 /// Completes an object; none where nothing is likely enough, and where it is larger than what was learned from.
 pub fn completed(told: &Told, by_rule: &Shape, settings: &CompletionSettings, shapes: &ShapeSettings) -> Option<Shape> {
-    if told.grid.cell_m > MOST_CELL_M {
-        return None;
-    }
-    let filled = network().filled(&told.cells);
-    Answer { grid: &told.grid, filled }.shape(&told.front, by_rule, settings, shapes)
+    Answer { grid: &told.grid, filled: filled(told)? }.shape(&told.front, by_rule, settings, shapes)
+}
+
+/// How likely an object fills the cells of its grid, row by row, and slab; none where it is larger than what was learned from.
+pub fn filled(told: &Told) -> Option<Vec<[f32; SLABS]>> {
+    (told.grid.cell_m <= MOST_CELL_M).then(|| network().filled(&told.cells))
 }
 
 /// The network that comes with the program.

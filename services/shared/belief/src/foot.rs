@@ -4,8 +4,9 @@
 //! it stands in what it hides, and where it lies on something that shows no top. But there are only so many levels at which it can end: what the rule
 //! says, the furniture under it, the tops, the insides and the bottoms of what may bear it ([`crate::bearing`]), and its own lowest points. Boosted
 //! trees say of each how likely it is the right one, from what the camera read between it and the object's lowest points, how likely which object
-//! bears it, and where its lower edge ends in the picture. They are fitted on objects of training scenes (`repose train --network foot`), and come
-//! with the program, in `weights/foot.json`, like those for backs ([`crate::back`]).
+//! bears it, where its lower edge ends in the picture, and whether the network that completes shapes fills the space around it ([`crate::filling`]).
+//! They are fitted on objects of training scenes (`repose train --network foot`), and come with the program, in `weights/foot.json`, like those for
+//! backs ([`crate::back`]).
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -20,7 +21,7 @@ use crate::shape::Shape;
 use crate::standing::{ObservedGeometry, nth};
 
 /// The measures of a level, in the order that the trees read: lengths in metres, shares from 0 to 1, flags 0 or 1.
-pub const MEASURES: [&str; 38] = [
+pub const MEASURES: [&str; 56] = [
     // What the level is: the rule's word, furniture, a carrier's top, the highest and the middle of a carrier's points under the object, a carrier's
     // bottom, the object's own lowest points, and a little below them.
     "is_rule",
@@ -70,10 +71,34 @@ pub const MEASURES: [&str; 38] = [
     "touches_closely",
     "beside",
     "base_over",
+    // How likely the object fills the space around the level by the network that completes shapes ([`crate::filling`]), told that it stands at the
+    // lowest of its levels: the slab over the level, that under it, the next over and under; how much of the first two; the lowest two slabs of all, and
+    // how far the level is over them.
+    "low_over",
+    "low_under",
+    "low_next_over",
+    "low_next_under",
+    "low_share_over",
+    "low_share_under",
+    "low_first",
+    "low_second",
+    "low_above",
+    // The same, told that it stands where the rule says.
+    "rule_over",
+    "rule_under",
+    "rule_next_over",
+    "rule_next_under",
+    "rule_share_over",
+    "rule_share_under",
+    "rule_first",
+    "rule_second",
+    "rule_above",
 ];
 
 /// Where the measures begin that are those of [`bearing`], by name.
-const OF_BEARING: usize = MEASURES.len() - 10;
+const OF_BEARING: usize = 28;
+/// How many these are.
+const BEARING_COUNT: usize = 10;
 
 /// How far from the truth a level may be and still be the right one, metres.
 pub const RIGHT_M: f32 = 0.008;
@@ -362,7 +387,7 @@ impl<'a> Object<'a> {
 fn places_in_bearing() -> &'static [usize] {
     static PLACES: LazyLock<Vec<usize>> = LazyLock::new(|| {
         let place = |name: &&str| bearing::MEASURES.iter().position(|measure| measure == name).expect("a test reads them");
-        MEASURES[OF_BEARING..].iter().map(place).collect()
+        MEASURES[OF_BEARING..OF_BEARING + BEARING_COUNT].iter().map(place).collect()
     });
     &PLACES
 }
@@ -388,7 +413,7 @@ mod tests {
         let other = text.replacen("\"is_rule\"", "\"is_guess\"", 1);
         assert!(Foot::read(&other).unwrap_err().to_string().contains("measures"));
         let read: Vec<&str> = places_in_bearing().iter().map(|at| bearing::MEASURES[*at]).collect();
-        assert!(read.len() == 10 && MEASURES.ends_with(&read), "{read:?}");
+        assert_eq!(MEASURES[OF_BEARING..OF_BEARING + BEARING_COUNT], read);
     }
 
     /// Levels are as likely as the first measure's sign says: by these logarithms of the odds.
@@ -442,5 +467,21 @@ mod tests {
         assert!(is_tried(2, 0.1) && is_tried(2, 0.0) && is_tried(3, 0.0));
         let sure = |id: u16| believed(&scene).objects[&id].shape.as_ref().map(|shape| shape.foot_probability);
         assert!([1, 2, 3].map(sure).iter().all(|p| p.is_some_and(|p| p > 0.8)), "{:?}", [1, 2, 3].map(sure));
+    }
+
+    #[test]
+    fn levels_are_told_with_what_the_network_says_of_the_space_around_them() {
+        let scene =
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.15, 0.12, 0.1]).object_at(2, [0.0, 0.0], 0.1, [0.06, 0.06, 0.08]).scene();
+        let levels = Belief::foot_levels(&SeenScene::of(&scene, &world_from_camera()), &BeliefSettings::default()).unwrap();
+        let says = |height_m: f32, name: &str| {
+            let level = levels[&2].iter().find(|level| (level.height_m - height_m).abs() < 0.004).unwrap();
+            level.measures[MEASURES.iter().position(|measure| *measure == name).unwrap()]
+        };
+        // On the block it stands as the rule says, and at the table its lowest level is.
+        assert!(says(0.1, "rule_above").abs() < 0.004 && says(0.0, "low_above").abs() < 0.004 && says(0.0, "low_under") < 0.0);
+        assert!((says(0.1, "low_above") - 0.1).abs() < 0.006 && (0.0..=1.0).contains(&says(0.1, "low_under")));
+        assert!(says(0.1, "rule_over") > 0.9 && says(0.1, "low_over") > says(0.0, "low_over"), "it is there, and less likely below that");
+        assert_eq!(says(0.0, "low_over"), says(0.1, "low_first"));
     }
 }

@@ -42,6 +42,7 @@ pub mod covering;
 pub mod crown;
 pub mod cut;
 pub mod far_side;
+pub mod filling;
 pub mod foot;
 pub mod front;
 pub mod meeting;
@@ -66,7 +67,7 @@ use repose_geometry::{Aabb, cloud};
 use repose_proto::{CameraModel, Scene, Surface};
 
 use back::Back;
-use bearing::candidates;
+use bearing::{Candidate, candidates};
 use carrying::carried_by;
 use columns::{ColumnMap, ColumnRun, bounds_around, cells_of, cells_of_map};
 use completion::Told;
@@ -74,6 +75,7 @@ use covering::{Covered, go_on_under};
 use crown::is_crowned;
 use cut::Cut;
 use far_side::solid_runs;
+use filling::Filling;
 use foot::{Chosen, Foot, Level};
 use front::Front;
 use plane::SupportPlane;
@@ -131,6 +133,8 @@ pub struct Belief {
     /// What the camera saw.
     pub view: ObservedView,
     carried: BTreeMap<u16, Vec<u16>>,
+    /// What is measured of carriers and loads.
+    bearings: BTreeMap<[u16; 2], Vec<f32>>,
     /// Objects whose tops carry nothing.
     crowned: BTreeSet<u16>,
     /// Objects that may stand elsewhere than the camera saw them.
@@ -218,18 +222,16 @@ impl Belief {
     ) -> Result<Self, TooWide> {
         let observed = Observed::of(seen, settings)?;
         let geometry = observed.geometry(settings);
-        let (mut shapes, carried, elsewhere) = match known {
-            Some((shapes, elsewhere)) => {
-                let carried = carried_by(&geometry, &shapes);
-                (shapes, carried, elsewhere)
-            }
-            None => {
-                let by_rule = completed(&geometry);
-                // What tells which objects bear which was learned with shapes that the rules complete.
-                let carried = carried_by(&geometry, &by_rule);
-                let shapes = settings.completion.as_ref().map(|completion| by_network(&by_rule, &geometry, completion));
-                (shapes.unwrap_or(by_rule), carried, BTreeSet::new())
-            }
+        let (by_rule, elsewhere, completion) = match known {
+            Some((shapes, elsewhere)) => (shapes, elsewhere, None),
+            None => (completed(&geometry), BTreeSet::new(), settings.completion.as_ref()),
+        };
+        // What tells which objects bear which was learned with shapes that the rules complete.
+        let pairs = candidates(&geometry, &by_rule);
+        let carried = carried_by(&geometry, &by_rule, &pairs);
+        let mut shapes = match completion {
+            Some(completion) => by_network(&by_rule, &geometry, completion),
+            None => by_rule,
         };
         // Beside what stands elsewhere the camera has not looked.
         let looks = |id: u16| (!elsewhere.contains(&id)).then_some(&observed.view);
@@ -242,7 +244,8 @@ impl Belief {
             let centroid = cloud::centroid(&points)?;
             Some((id, BelievedObject { points, centroid, shape: shapes.remove(&id) }))
         });
-        Ok(Self { objects: believed.collect(), planes, columns: columns.with(hidden), view, carried, crowned, elsewhere })
+        let bearings = pairs.into_iter().map(|Candidate { carrier, load, measures }| ([carrier, load], measures)).collect();
+        Ok(Self { objects: believed.collect(), planes, columns: columns.with(hidden), view, carried, bearings, crowned, elsewhere })
     }
 
     /// What is believed of a scene nothing of which counts: it has no objects, and the camera saw nothing.
@@ -255,6 +258,7 @@ impl Belief {
             columns: ColumnMap::of_points(&[], &[], &nowhere, settings.cell_m, settings.gap_m),
             view: ObservedView::new(&[], &[], seen.camera, seen.world_from_camera, settings.view_columns),
             carried: BTreeMap::new(),
+            bearings: BTreeMap::new(),
             crowned: BTreeSet::new(),
             elsewhere: BTreeSet::new(),
         }
@@ -273,6 +277,11 @@ impl Belief {
     /// The objects that stand on an object or in it.
     pub fn carried(&self, id: u16) -> &[u16] {
         self.carried.get(&id).map_or(&[], Vec::as_slice)
+    }
+
+    /// What the picture and the shapes tell of whether one object bears another, in the order of [`bearing::MEASURES`]; none where they are clearly apart.
+    pub fn bearing(&self, carrier: u16, load: u16) -> Option<&[f32]> {
+        self.bearings.get(&[carrier, load]).map(Vec::as_slice)
     }
 
     /// Whether something can stand on an object's top: not on a ball or on a tube that lies. Furniture (0) carries.
@@ -338,7 +347,10 @@ fn by_network(by_rule: &BTreeMap<u16, Shape>, seen: &ObservedGeometry<'_>, setti
 
 /// The levels that each object's foot may be at, with the shapes that the rule completes.
 fn foot_levels(seen: &ObservedGeometry<'_>, by_rule: &BTreeMap<u16, Shape>) -> BTreeMap<u16, Vec<Level>> {
-    foot::levels(seen, by_rule, &candidates(seen, by_rule))
+    let mut levels = foot::levels(seen, by_rule, &candidates(seen, by_rule));
+    let lowest = standing_at(&filling::lowest(&levels, seen), seen);
+    filling::add(&mut levels, [&Filling::of(seen, &lowest), &Filling::of(seen, by_rule)]);
+    levels
 }
 
 /// The whole shapes of objects that stand at given heights (metres), and as high as the rule says without one.

@@ -10,7 +10,7 @@ use repose_evaluation::statistics::calibration::Calibration;
 use repose_evaluation::statistics::correlation::area_under_curve;
 use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings};
 use repose_planner::learned::forecast::{NEIGHBOUR_STAYS, STANDS};
-use repose_planner::learned::standing;
+use repose_planner::learned::{neighbours, standing};
 use serde::Serialize;
 use serde_json::json;
 
@@ -34,7 +34,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
         Ok::<_, Failure>((fitted.forecast, HeldOut::of(&fitted.held_out.concat())))
     };
     let (stands, of_stands) = fit(&standing::names(), &SceneStances::samples)?;
-    let (stays, of_stays) = fit(&standing::names_of_neighbour(), &SceneStances::neighbour_samples)?;
+    let (stays, of_stays) = fit(&neighbours::names(), &SceneStances::neighbour_samples)?;
     with_forecasts(args.start, args.out, &[(STANDS, &stands), (NEIGHBOUR_STAYS, &stays)])?;
     let document = json!({ "out": args.out, "scenes": stances.len(), STANDS: of_stands, NEIGHBOUR_STAYS: of_stays });
     output.print(&document, || {
@@ -92,6 +92,6 @@ impl MeasuredScene for SceneStances {
 
     fn other_length(&self) -> Option<String> {
         let of_objects = other_length(standing::names().len(), self.stands.iter().map(|(measures, _)| measures));
-        of_objects.or_else(|| other_length(standing::names_of_neighbour().len(), self.stays.iter().map(|(measures, _)| measures)))
+        of_objects.or_else(|| other_length(neighbours::names().len(), self.stays.iter().map(|(measures, _)| measures)))
     }
 }
