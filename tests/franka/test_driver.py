@@ -27,6 +27,17 @@ world_from_base = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
 """
 BULK = "application/octet-stream;repose.MotionPlanRequest.v1"
 PLAN = "application/json;repose.MotionPlan.v1"
+# The most stops, over all tests, that are put down to a machine that is busy.
+MAY_LOSE = 8
+
+
+class BusyMachine(Exception):
+    """Too busy a machine for what is tested; such a test is run again (`scripts/franka-tests`).
+
+    So is one in which the robot has stopped by itself where no test had it do so: its process knows a set-point late where it waits for a core. Then it
+    has put one of its own in its place, which it takes back, and calls the next one a jump; or its joints lag behind. A driver whose set-points do jump
+    loses every attempt, or more than `MAY_LOSE`.
+    """
 
 
 def apart(a, b):
@@ -42,6 +53,7 @@ class System:
         self.programs = Programs(folder)
         self.robot = Robot(folder, free_port())
         self.client = None
+        self.lost = []
 
     def config(self, name="repose.toml", model="fr3", more=""):
         path = os.path.join(self.folder, name)
@@ -84,11 +96,33 @@ class System:
         client.stream(to_rad, span_s)
 
         def there():
-            assert client.stopped_by() is None, (client.state["stop"], self.robot.log())
+            self.is_not_stopped()
             state = client.is_in("idle")
             return state and client.is_taken() and apart(state["q_rad"], to_rad) < 1e-6
 
         until(lambda: f"the arm arrives; {client.state}", there, 60)
+
+    def is_not_stopped(self, but_by=None):
+        """Fails where the arm has stopped otherwise than by this; where the robot did not keep up, by having the test run again."""
+        _, kind = self.client.shown()
+        if kind in (None, but_by):
+            return
+        told = (kind, self.client.state["stop"]["reason"], self.robot.log())
+        # By the robot's names for them, which are the reason; the driver's own limits have the names of the contract.
+        assert "reflex" in told[1] or kind == "following_error", told
+        self.lost.append(kind)
+        assert len(self.lost) <= MAY_LOSE, (self.lost, *told)
+        raise BusyMachine(*told)
+
+    def until_it_is_past(self, by_rad):
+        """Waits until the first joint has gone that far."""
+        client = self.client
+
+        def past():
+            self.is_not_stopped()
+            return client.fresh() and client.state["q_rad"][0] > by_rad
+
+        until(lambda: f"it moves; {client.state}", past)
 
     def close(self):
         if self.client:
@@ -110,10 +144,20 @@ def system(tmp_path_factory):
 
 
 @pytest.fixture
-def at_ready(system):
-    """The arm stands in its ready pose, and no stop is latched."""
+def unstopped(system):
+    """No stop is latched."""
     if system.client.shown()[0] == "stopped":
         system.reset()
+    return system
+
+
+@pytest.fixture
+def at_ready(unstopped):
+    """The arm stands in its ready pose, and no stop is latched."""
+    system = unstopped
+    if system.client.state["gripper_holding"]:
+        # What a test that is run again had picked up.
+        assert system.programs.robot("open").returncode == 0
     system.go_to(READY_RAD)
     return system
 
@@ -134,7 +178,12 @@ def until_it_sets_out(client, from_rad):
 def at_rest_and_stays(system, kind):
     """Waits for a stop of this kind, and for the arm to stand; then looks whether both stay."""
     client = system.client
-    until(lambda: f"{kind}; {client.state}", lambda: client.stopped_by() == kind)
+
+    def stopped():
+        system.is_not_stopped(but_by=kind)
+        return client.stopped_by() == kind
+
+    until(lambda: f"{kind}; {client.state}", stopped)
     until(lambda: f"the arm stands; {client.state}", lambda: client.fresh() and velocity(client.state) == 0.0)
     stands = client.state["q_rad"]
     client.own()
@@ -154,18 +203,20 @@ def test_it_connects_and_says_what_it_is(system):
     assert "real-time priority" in system.programs.log("driver"), "whether the loop has it is said"
 
 
-def test_it_comes_home_on_a_way_that_motion_plans(system):
-    system.go_to([0.5, -0.4, 0.2, -1.9, 0.1, 1.7, 0.4], 3.0)
-    unseen = system.programs.robot("home")
+def test_it_comes_home_on_a_way_that_motion_plans(unstopped):
+    unstopped.go_to([0.5, -0.4, 0.2, -1.9, 0.1, 1.7, 0.4], 3.0)
+    unseen = unstopped.programs.robot("home")
     assert unseen.returncode != 0 and "--unchecked" in unseen.stderr, "no camera looks at this cell"
-    home = system.programs.robot("home", "--unchecked")
+    home = unstopped.programs.robot("home", "--unchecked")
+    unstopped.is_not_stopped()
     assert home.returncode == 0, home.stderr
-    state = until("it stands", lambda: system.client.is_in("idle"))
+    state = until("it stands", lambda: unstopped.client.is_in("idle"))
     assert apart(state["q_rad"], READY_RAD) < 1e-3
 
 
 def test_it_carries_out_a_pick_and_place_that_motion_plans(at_ready):
     reply, held = carried_out(at_ready)
+    at_ready.is_not_stopped()
     assert reply["outcome"] == "done", (reply, at_ready.robot.log())
     assert any(held), "the hand held the block on the way"
     assert not until("it stands", lambda: at_ready.client.is_in("idle"))["gripper_holding"]
@@ -198,7 +249,8 @@ def test_set_points_that_come_again_after_a_gap_go_on_from_where_the_robot_is(at
         else:
             assert apart(ended["q_rad"], turned(by_rad)) < 1e-6
         to_go.pop(0)
-    assert not to_go, "too busy a machine for gaps as short as these"
+    if to_go:
+        raise BusyMachine("gaps as short as these")
     # What goes out in the very microseconds in which a cycle ends is late; the robot drops it, franka-sim takes back what it had extrapolated.
     assert stops <= 1, at_ready.robot.log()
 
@@ -227,7 +279,7 @@ def test_a_commander_that_falls_silent_stops_the_arm(at_ready):
 def test_an_emergency_stop_brings_the_arm_to_rest_until_it_is_reset(at_ready):
     # Far enough for the arm to be on its way still when a machine that is busy gets to the stop.
     at_ready.client.stream(turned(1.6), 6.0)
-    until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.3)
+    at_ready.until_it_is_past(0.3)
     at_ready.client.emergency_stop()
     at_rest_and_stays(at_ready, "estop")
     assert at_ready.client.state["q_rad"][0] < 1.5, "it did not go on to the end"
@@ -244,7 +296,7 @@ def test_set_points_beyond_the_limits_do_not_reach_the_robot(at_ready):
 
 def test_a_robot_that_goes_away_latches_and_is_found_again(at_ready):
     at_ready.client.stream(turned(0.5), 6.0)
-    until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.1)
+    at_ready.until_it_is_past(0.1)
     at_ready.robot.kill()
     until(lambda: f"a stop; {at_ready.client.state}", lambda: at_ready.client.stopped_by() == "connection_lost")
     at_ready.robot.start()
@@ -290,7 +342,7 @@ def test_a_second_driver_of_the_robot_is_refused(system):
 
 def test_a_driver_that_ends_brings_the_arm_to_rest_and_one_for_another_model_does_not_begin(at_ready):
     at_ready.client.stream(turned(0.6), 4.0)
-    until("it moves", lambda: at_ready.client.fresh() and at_ready.client.state["q_rad"][0] > 0.1)
+    at_ready.until_it_is_past(0.1)
     assert at_ready.programs.end("driver") == 0
     until(lambda: at_ready.client.state, lambda: (at_ready.client.state["stop"] or {}).get("kind") == "driver_ended" and velocity(at_ready.client.state) == 0.0)
     # Now that the robot is free: it is no Panda.
