@@ -1,11 +1,8 @@
 //! Which objects of training scenes bear which, with what is measured of each pair: what [`repose_belief::bearing`] is fitted on.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use repose_belief::bearing::candidates;
-use repose_belief::standing::{CloudExtent, ObservedGeometry};
-use repose_belief::{Belief, BeliefSettings};
+use repose_belief::Belief;
 use repose_planner::PreparedScene;
 use repose_simulator::scene::SimulatedScene;
 use serde::{Deserialize, Serialize};
@@ -48,13 +45,9 @@ impl SceneBearings {
 
 /// The pairs of a scene's objects; of masks that match no object nothing is known.
 fn measured(belief: &Belief, truth: &SimulatedScene) -> Vec<(Vec<f32>, bool)> {
-    let settings = BeliefSettings::default();
-    let clouds: BTreeMap<u16, Vec<_>> = belief.objects.iter().map(|(id, object)| (*id, object.points.clone())).collect();
-    let extents = CloudExtent::of_all(&clouds, &settings.stack);
-    let Belief { columns, planes, view, .. } = belief;
-    let seen = ObservedGeometry { clouds: &clouds, extents: &extents, columns, planes, view, settings: &settings };
     let loads = true_loads(truth);
-    let is_known = |id: u16| truth.objects.iter().any(|object| object.id == id);
-    let known = candidates(&seen, &belief.shapes()).into_iter().filter(|pair| is_known(pair.carrier) && is_known(pair.load));
-    known.map(|pair| (pair.measures, loads.get(&pair.carrier).is_some_and(|loads| loads.contains(&pair.load)))).collect()
+    let is_known = |id: &u16| truth.objects.iter().any(|object| object.id == *id);
+    let known = belief.bearings().iter().filter(|(pair, _)| pair.iter().all(is_known));
+    let bears = |[carrier, load]: &[u16; 2]| loads.get(carrier).is_some_and(|loads| loads.contains(load));
+    known.map(|(pair, measures)| (measures.clone(), bears(pair))).collect()
 }

@@ -70,7 +70,7 @@ impl StanceMeasures {
         Some(Self { of_object: stance.of_object(), neighbours })
     }
 
-    /// Of the object, which was turned over in this way, in the order of [`names`].
+    /// Of the object, which was turned over in this way, in the order of [`crate::learned::standing::names`].
     pub fn own(&self, turned: Option<&Turned<'_>>) -> Vec<f32> {
         with_turn(self.of_object.clone(), turned)
     }
@@ -96,9 +96,9 @@ struct Pair<'a> {
 
 impl Pair<'_> {
     fn measures(&self) -> Vec<f32> {
-        let measured = self.object.prepared.belief.bearing(self.object.id, self.neighbour.id);
+        let measured = self.object.prepared.belief.bearings().get(&[self.object.id, self.neighbour.id]);
         let borne = measured.map_or(0.0, |measures| Bearing::own().probability(measures) as f32);
-        let of_bearing = measured.map_or_else(|| vec![0.0; bearing::MEASURES.len()], <[f32]>::to_vec);
+        let of_bearing = measured.cloned().unwrap_or_else(|| vec![0.0; bearing::MEASURES.len()]);
         BY_SHAPES.iter().map(|(_, of)| of(self) as f32).chain([borne]).chain(of_bearing).collect()
     }
 

@@ -151,12 +151,11 @@ pub struct Candidate {
 
 /// All pairs of a scene of which one may bear the other.
 pub fn candidates(seen: &ObservedGeometry<'_>, shapes: &BTreeMap<u16, Shape>) -> Vec<Candidate> {
-    let edges = seen.view.edges(seen.settings.meeting.rows);
     let none = Edges::default();
     let of = |id: &u16, shape| {
         let points = seen.clouds.get(id).filter(|points| points.len() >= MIN_POINTS)?;
         let heights = |sign: f32| nth(points.iter().map(|p| sign * p.z).collect(), points.len() / 50);
-        Some(Seen { id: *id, shape, lowest_m: heights(1.0)?, highest_m: -heights(-1.0)?, edges: edges.get(id).unwrap_or(&none) })
+        Some(Seen { id: *id, shape, lowest_m: heights(1.0)?, highest_m: -heights(-1.0)?, edges: seen.edges.get(id).unwrap_or(&none) })
     };
     let objects: Vec<Seen<'_>> = shapes.iter().filter_map(|(id, shape)| of(id, shape)).collect();
     let pairs = objects.iter().flat_map(|carrier| objects.iter().map(move |load| Pair { carrier, load, seen }));

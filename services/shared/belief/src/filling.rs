@@ -13,7 +13,7 @@ use crate::shape::Shape;
 use crate::standing::ObservedGeometry;
 
 /// How many numbers [`Filling::measures`] has.
-pub const COUNT: usize = 9;
+const COUNT: usize = 9;
 /// Said of a slab under the grid, and of one over it or where the network says nothing.
 const UNDER: f32 = -1.0;
 const UNKNOWN: f32 = -2.0;
@@ -36,10 +36,11 @@ pub struct Filling {
 }
 
 impl Filling {
-    /// Of all objects of which the network says something, by the shapes that they are told with.
+    /// Of all objects of which the network says something, by the shapes that they are told with: as the rules complete them, with nothing said yet of how
+    /// likely the foot is.
     pub fn of(seen: &ObservedGeometry<'_>, shapes: &BTreeMap<u16, Shape>) -> BTreeMap<u16, Self> {
         let of = |(id, shape): (&u16, &Shape)| {
-            let told = seen.told(*id, &Shape { foot_probability: 1.0, ..shape.clone() })?;
+            let told = seen.told(*id, shape)?;
             let cells = filled(&told)?;
             let of_slab = |with: fn(f32, f32) -> f32| std::array::from_fn(|slab| cells.iter().map(|cell| cell[slab]).fold(0.0, with));
             let (most, sums): ([f32; SLABS], [f32; SLABS]) = (of_slab(f32::max), of_slab(|sum, cell| sum + cell));
@@ -53,9 +54,8 @@ impl Filling {
     /// the lowest two slabs of all, and how far the level is over them, metres.
     pub fn measures(&self, level_m: f32) -> [f32; COUNT] {
         let first = ((level_m + OVER_M - self.bottom_m) / self.slab_m.max(1e-4)).floor();
-        let of = |slabs: &[f32; SLABS], slab: f32| match slab {
-            under if under < 0.0 => UNDER,
-            slab => slabs.get(slab as usize).copied().unwrap_or(UNKNOWN),
+        let of = |slabs: &[f32; SLABS], slab: f32| {
+            if slab < 0.0 { UNDER } else { slabs.get(slab as usize).copied().unwrap_or(UNKNOWN) }
         };
         let most = [0.0, -1.0, 1.0, -2.0].map(|off| of(&self.most, first + off));
         let shares = [0.0, -1.0].map(|off| of(&self.shares, first + off));

@@ -78,6 +78,7 @@ use far_side::solid_runs;
 use filling::Filling;
 use foot::{Chosen, Foot, Level};
 use front::Front;
+use meeting::Edges;
 use plane::SupportPlane;
 use standing::{CloudExtent, ObservedGeometry};
 
@@ -279,9 +280,10 @@ impl Belief {
         self.carried.get(&id).map_or(&[], Vec::as_slice)
     }
 
-    /// What the picture and the shapes tell of whether one object bears another, in the order of [`bearing::MEASURES`]; none where they are clearly apart.
-    pub fn bearing(&self, carrier: u16, load: u16) -> Option<&[f32]> {
-        self.bearings.get(&[carrier, load]).map(Vec::as_slice)
+    /// What the picture and the shapes tell of whether one object bears another, in the order of [`bearing::MEASURES`], by carrier and load; those that are
+    /// clearly apart are left out.
+    pub fn bearings(&self) -> &BTreeMap<[u16; 2], Vec<f32>> {
+        &self.bearings
     }
 
     /// Whether something can stand on an object's top: not on a ball or on a tube that lies. Furniture (0) carries.
@@ -297,6 +299,7 @@ struct Observed {
     columns: ColumnMap,
     planes: Vec<SupportPlane>,
     view: ObservedView,
+    edges: BTreeMap<u16, Edges>,
 }
 
 impl Observed {
@@ -310,12 +313,13 @@ impl Observed {
         let columns = ColumnMap::of_points(seen.points, seen.labels, &bounds, settings.cell_m, settings.gap_m);
         let planes: Vec<SupportPlane> = seen.surfaces.iter().filter_map(SupportPlane::of).collect();
         let view = ObservedView::new(seen.points, seen.labels, seen.camera, seen.world_from_camera, settings.view_columns);
-        Ok(Self { clouds, extents, columns, planes, view })
+        let edges = view.edges(settings.meeting.rows);
+        Ok(Self { clouds, extents, columns, planes, view, edges })
     }
 
     fn geometry<'a>(&'a self, settings: &'a BeliefSettings) -> ObservedGeometry<'a> {
-        let Self { clouds, extents, columns, planes, view } = self;
-        ObservedGeometry { clouds, extents, columns, planes, view, settings }
+        let Self { clouds, extents, columns, planes, view, edges } = self;
+        ObservedGeometry { clouds, extents, columns, planes, view, edges, settings }
     }
 }
 

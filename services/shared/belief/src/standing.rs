@@ -10,6 +10,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use repose_geometry::{Aabb, Footprint, cloud};
 
 use crate::columns::{ColumnMap, cells_of};
+use crate::meeting::Edges;
 use crate::outlines::are_clearly_apart;
 use crate::plane::SupportPlane;
 use crate::settings::{BeliefSettings, StackSettings};
@@ -29,6 +30,8 @@ pub struct ObservedGeometry<'a> {
     pub planes: &'a [SupportPlane],
     /// The camera's picture.
     pub view: &'a ObservedView,
+    /// Where each object's picture ends.
+    pub edges: &'a BTreeMap<u16, Edges>,
     /// Tolerances.
     pub settings: &'a BeliefSettings,
 }
