@@ -189,7 +189,8 @@ impl Endpoints {
         let stood = self.neighbours.stances(&request.robot);
         let beside = self.neighbours.solids(&request.robot);
         let robot = request.robot.clone();
-        let (phases, retreated_m, checked_against) = self.worker.recover(call.context(), request, scene, &state, beside).await?;
+        let unmoved = |seen_ns| self.neighbours.check_unmoved(&robot, seen_ns);
+        let (phases, retreated_m, checked_against) = self.worker.recover(call.context(), request, scene, &state, beside, unmoved).await?;
         self.neighbours.check_stances(&robot, &stood)?;
         if phases.is_empty() {
             let (outcome, joints_rad) = (ExecutionOutcome::Done, state.q_rad);

@@ -14,8 +14,8 @@ use repose_proto::{CallError, Scene, keys};
 use repose_runtime::{RuntimeError, Session, read_robot_mode};
 use tokio::task::JoinSet;
 
-use crate::execution::check_base;
 use crate::execution::keep_out::{Zones, check_carried};
+use crate::execution::{check_base, check_unmoved};
 use crate::obstacles::ObstacleShape;
 
 /// States that wait to be read: hundreds of milliseconds of a few robots that tell theirs a thousand times a second.
@@ -101,6 +101,17 @@ impl Neighbours {
         self.beside(robot).iter().find(is_busy).map_or(Ok(()), |busy| Err(CallError::precondition(busy.doing()).at("robot")))
     }
 
+    /// Checks that no robot beside one has taken or put something since a scene was seen: what it then shows of the cell is not there any more, for any
+    /// robot that can reach it.
+    ///
+    /// # Errors
+    /// Those of [`check_unmoved`].
+    pub fn check_unmoved(&self, robot: &str, scene_stamp_ns: u64) -> Result<(), CallError> {
+        self.beside(robot)
+            .iter()
+            .try_for_each(|neighbour| check_unmoved(scene_stamp_ns, &format!("robot {}", neighbour.name), &neighbour.state))
+    }
+
     /// How the robots beside one stand, by their names.
     pub fn stances(&self, robot: &str) -> Stances {
         self.beside(robot).into_iter().map(|neighbour| (neighbour.name, neighbour.state.q_rad)).collect()
@@ -137,9 +148,11 @@ impl Neighbours {
     /// Checks a plan against the robots beside its own, where they stand now.
     ///
     /// # Errors
-    /// As [`Neighbours::check_still`], and where the plan would touch one, or carries nobody knows what beside one; those of [`Zones::check`].
+    /// As [`Neighbours::check_still`] and [`Neighbours::check_unmoved`], and where the plan would touch one, or carries nobody knows what beside one;
+    /// those of [`Zones::check`].
     pub fn check(&self, plan: &MotionPlan, scene: Option<&Scene>, go_on: &dyn Fn() -> Result<(), CallError>) -> Result<(), CallError> {
         self.check_still(&plan.robot)?;
+        self.check_unmoved(&plan.robot, plan.scene_stamp_ns)?;
         self.beside(&plan.robot).iter().try_for_each(|neighbour| {
             check_carried(plan, scene)?;
             let solids = neighbour.solids(&self.world_from_base, 0.0);
@@ -232,7 +245,7 @@ impl Neighbour {
 mod tests {
     use repose_panda::READY;
     use repose_proto::robot::TaskState;
-    use repose_proto::{Payload, RigidTransform};
+    use repose_proto::{ErrorCode, Payload, RigidTransform};
     use repose_runtime::Traffic;
     use serde_json::json;
 
@@ -335,6 +348,21 @@ mod tests {
         let stopped = RobotState { task: Some(TaskState { id: Some("t".to_owned()) }), ..standing([0.9, 0.0], "stopped") };
         let refused = beside(&[("across", stopped)]).await.check_still("own").expect_err("its task is open");
         assert!(refused.message.contains("stopped in the midst of a task"), "{refused}");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn what_a_robot_beside_has_taken_or_put_is_not_where_a_scene_of_before_shows_it() {
+        const SECOND_NS: u64 = 1_000_000_000;
+        let handled = |at_m| RobotState { stamp_ns: 100 * SECOND_NS, since_handling_ms: Some(5_000), ..standing(at_m, "idle") };
+        let own = standing([0.0, 0.0], "idle");
+        let neighbours = beside(&[("own", own.clone()), ("across", handled([0.9, 0.0]))]).await;
+        let refused = neighbours.check_unmoved("own", 80 * SECOND_NS).expect_err("it was seen before that");
+        assert_eq!((refused.code, refused.field.as_deref()), (ErrorCode::FailedPrecondition, Some("scene_stamp_ns")));
+        assert!(refused.message.contains("robot across has taken or put something 15000 ms after"), "{refused}");
+        assert_eq!(neighbours.check_unmoved("own", 96 * SECOND_NS), Ok(()), "it was seen after that");
+        assert_eq!(neighbours.check_unmoved("across", 80 * SECOND_NS), Ok(()), "its own is judged where it is told");
+        let far = beside(&[("own", own), ("far", handled([3.0, 0.0]))]).await;
+        assert_eq!(far.check_unmoved("own", 80 * SECOND_NS), Ok(()));
     }
 
     #[tokio::test(flavor = "multi_thread")]

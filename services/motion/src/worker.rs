@@ -101,7 +101,7 @@ impl Worker {
     }
 
     /// The phases that bring an arm back from where it stands, how far the hand backs off, metres, and the scene, named or sent, that its way was
-    /// checked against.
+    /// checked against. `beside` is what the robots beside it fill, and `unmoved` refuses a scene, by when it was seen, that they have changed since.
     ///
     /// # Errors
     /// As [`Self::plan`]; `failed_precondition` on `scene` when it is not of what stands there now, on `robot` when the arm cannot be brought back
@@ -113,6 +113,7 @@ impl Worker {
         scene: Option<Scene>,
         state: &RobotState,
         beside: Vec<ObstacleShape>,
+        unmoved: impl Fn(u64) -> Result<(), CallError>,
     ) -> Result<(Vec<MotionPhase>, Option<f64>, Option<String>), CallError> {
         if request.motion == RecoveryMove::Open {
             let gripper = Some(GripperCommand { width_m: FINGER_OPENING_MAX_M, force_n: self.settings.grip_force_n });
@@ -125,7 +126,9 @@ impl Worker {
         let held = request.scene.as_ref().map(|named| self.held(&named.scene_id, scene.as_ref())).transpose()?.flatten();
         let seen_ns = held.as_ref().map(|held| held.scene().stamp_ns).max(scene.as_ref().map(|sent| sent.stamp_ns));
         if let Some(seen_ns) = seen_ns {
-            let is_current = check_age(seen_ns, self.terms.max_scene_age_ms, state.stamp_ns).and_then(|()| check_unmoved(seen_ns, state));
+            let is_current = check_age(seen_ns, self.terms.max_scene_age_ms, state.stamp_ns)
+                .and_then(|()| check_unmoved(seen_ns, "the robot", state))
+                .and_then(|()| unmoved(seen_ns));
             is_current.map_err(|e| CallError { message: format!("{}, or recover without a scene", e.message), ..e }.at("scene"))?;
         }
         let settings = RecoverySettings { beside, ..(*self.recovery).clone() };

@@ -238,6 +238,38 @@ async fn an_arm_comes_to_rest_where_one_beside_it_begins_to_do_something() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn what_an_arm_beside_has_moved_since_makes_a_scene_stale() {
+    let running = Running::start().await;
+    let robot = running.robot(Robot::new()).await;
+    let seen_before = MotionPlan { scene_stamp_ns: NOW_NS - 10_000_000_000, max_scene_age_ms: 60_000, ..plan() };
+    let home = async |age_s: u64| {
+        let scene = Scene { stamp_ns: NOW_NS - age_s * 1_000_000_000, ..scene() };
+        let request = RecoverRequest { robot: "panda".to_owned(), motion: RecoveryMove::Home, scene: None };
+        running.call("recover", Payload::with_scene(&request, Some(&scene)).unwrap()).await
+    };
+    let base = RigidTransform([1.0, 0.0, 0.0, 0.9, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    let mut across = Robot::new().state;
+    (across.world_from_base, across.since_handling_ms) = (Some(base), Some(1_000));
+    let told = running.session.cell().robot_state("across");
+    let refused = loop {
+        running.session.put(&told, Payload::json(&across).unwrap(), Traffic::RobotState).await.unwrap();
+        // It is known as soon as its state has come.
+        match home(10).await {
+            Err(error) => break error,
+            Ok(_) => tokio::time::sleep(Duration::from_millis(20)).await,
+        }
+    };
+    assert!(refused.field.as_deref() == Some("scene") && refused.message.contains("robot across"), "{refused}");
+    let commands = robot.lock().unwrap().state.last_command;
+    let seen_before = MotionPlan { start_joints_rad: robot.lock().unwrap().state.q_rad, ..seen_before };
+    let refused = refusal(running.call("execute", Payload::json(&seen_before).unwrap()).await);
+    assert_eq!(refused, (ErrorCode::FailedPrecondition, Some("scene_stamp_ns".to_owned())));
+    assert_eq!(robot.lock().unwrap().state.last_command, commands, "nothing was sent");
+    assert!(home(1).await.is_ok());
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_plan_cannot_make_its_scene_younger_than_it_is() {
     let running = Running::start().await;
     let robot = running.robot(Robot::new()).await;

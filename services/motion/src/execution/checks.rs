@@ -58,17 +58,17 @@ pub fn check_age(stamp_ns: u64, max_age_ms: u64, now_ns: u64) -> Result<(), Call
     Ok(())
 }
 
-/// Refuses a scene that was seen before the robot last took or put something: a plan is carried out once, though the arm stands where it started.
-/// The robot's side says how long ago that was, so that all its commanders know.
+/// Refuses a scene that was seen before a robot last took or put something: a plan is carried out once, though the arm stands where it started.
+/// The robot's side says how long ago that was, so that all its commanders know. `robot` is what the message calls it.
 ///
 /// # Errors
 /// `failed_precondition` on `scene_stamp_ns`.
-pub fn check_unmoved(stamp_ns: u64, state: &RobotState) -> Result<(), CallError> {
+pub fn check_unmoved(stamp_ns: u64, robot: &str, state: &RobotState) -> Result<(), CallError> {
     let Some(since_ms) = state.since_handling_ms else { return Ok(()) };
     let age_ms = state.stamp_ns.saturating_sub(stamp_ns) / 1_000_000;
     let before_ms = age_ms.saturating_sub(since_ms);
     if before_ms > CLOCKS_DIFFER_MS {
-        let message = format!("the robot has taken or put something {before_ms} ms after the scene was seen: look again");
+        let message = format!("{robot} has taken or put something {before_ms} ms after the scene was seen: look again");
         return Err(CallError::precondition(message).at("scene_stamp_ns"));
     }
     Ok(())

@@ -127,7 +127,7 @@ impl Execution {
         check_base(state, &settings.world_from_base)?;
         check_start(&plan, state)?;
         check_age(plan.scene_stamp_ns, plan.max_scene_age_ms, state.stamp_ns)?;
-        check_unmoved(plan.scene_stamp_ns, state)?;
+        check_unmoved(plan.scene_stamp_ns, "the robot", state)?;
         Self::start(plan.phases, task, state, now_ms, settings)
     }
 
