@@ -30,6 +30,8 @@ pub struct Hand {
     told_m: f64,
     /// How wide something held them apart, metres.
     held_at_m: Option<f64>,
+    /// How wide something had held them apart as they were sent elsewhere, metres, until it is known what became of it.
+    had_m: Option<f64>,
     /// How wide they stood as they last closed further on what they hold no more, metres, and when, milliseconds.
     slipped: Option<(f64, u64)>,
 }
@@ -37,6 +39,7 @@ pub struct Hand {
 impl Hand {
     /// It was sent to a width, metres.
     pub fn sent(&mut self, number: u64, width_m: f64) {
+        self.had_m = self.held_at_m.map(|held_m| held_m.max(self.width_m)).or(self.had_m);
         (self.goal, self.told_m, self.held_at_m, self.slipped) = (Some(number), width_m, None, None);
         (self.stalls, self.canceled_ms, self.lost_ms) = (false, None, None);
     }
@@ -63,6 +66,10 @@ impl Hand {
         if let Some(result) = result {
             self.width_m = width_m;
             self.held_at_m = (result.stalled && !result.reached_goal).then_some(width_m);
+            // Of one that was canceled or failed, what is measured then tells what became of what it had.
+            if self.held_at_m.is_some() || result.reached_goal || self.is_there() {
+                self.had_m = None;
+            }
         }
         self.canceled_ms.is_none()
     }
@@ -86,16 +93,26 @@ impl Hand {
         }
     }
 
+    /// Whether a goal is still to be canceled though the stop for which it was is cleared: one that may be carried out late.
+    pub fn is_given_up(&self) -> bool {
+        self.goal.is_some() && (self.canceled_ms.is_some() || self.lost_ms.is_some())
+    }
+
     /// Whether the fingers stand where they were told to be.
     pub fn is_there(&self) -> bool {
         (self.width_m - self.told_m).abs() <= LOST_M
     }
 
-    /// The fingers were measured, metres. Those that close further have lost what they held, until they stand against it where it is thinner.
+    /// The fingers were measured, metres. Those that close further have lost what they held, until they stand against it where it is thinner; those that
+    /// were to open and have not still have it.
     pub fn measured(&mut self, width_m: f64, now_ms: u64) {
         self.width_m = width_m;
-        if self.held_at_m.is_some_and(|held_m| width_m < held_m - LOST_M) {
-            (self.held_at_m, self.slipped) = (None, Some((width_m, now_ms)));
+        let has_closed = |held_m: Option<f64>| held_m.is_some_and(|held_m| width_m < held_m - LOST_M);
+        if has_closed(self.held_at_m) || (self.goal.is_none() && has_closed(self.had_m)) {
+            (self.held_at_m, self.had_m, self.slipped) = (None, None, Some((width_m, now_ms)));
+        }
+        if self.had_m.is_some_and(|had_m| width_m > had_m + LOST_M) {
+            self.had_m = None;
         }
         let Some((at_m, since_ms)) = self.slipped else { return };
         if width_m <= self.told_m + BETWEEN_M {
@@ -110,7 +127,8 @@ impl Hand {
     /// What a state says of it.
     pub fn state(&self) -> GripperState {
         let settled = self.goal.is_none() && self.slipped.is_none();
-        GripperState { width_m: self.width_m, settled, holding: self.held_at_m.is_some() }
+        let has_not_let_go = self.goal.is_none() && self.had_m.is_some();
+        GripperState { width_m: self.width_m, settled, holding: self.held_at_m.is_some() || has_not_let_go }
     }
 }
 
@@ -148,6 +166,35 @@ mod tests {
         assert!(!hand.state().holding);
         hand.measured(0.032, 1200);
         assert_eq!(hand.state(), GripperState { width_m: 0.032, settled: true, holding: true });
+    }
+
+    #[test]
+    fn a_hand_that_was_to_open_and_has_not_still_has_what_it_had() {
+        let holding = || {
+            let mut hand = Hand::default();
+            hand.sent(1, 0.01);
+            hand.ended(1, Some(&GripperCommandResult { stalled: true, ..GripperCommandResult::default() }), 0.05);
+            hand.measured(0.05, 0);
+            hand.sent(2, 0.08);
+            assert!(!hand.state().holding, "it is letting go");
+            hand
+        };
+        // A result of a goal that was canceled may be empty; a refusal has none.
+        for result in [Some(GripperCommandResult::default()), None] {
+            for (fingers_m, holds) in [(0.05, true), (0.052, true), (0.06, false), (0.03, false)] {
+                let mut hand = holding();
+                hand.measured(fingers_m, 100);
+                hand.ended(2, result.as_ref(), 0.0);
+                hand.measured(fingers_m, 200);
+                hand.measured(fingers_m, 300);
+                assert_eq!(hand.state().holding, holds, "{fingers_m} {result:?}");
+            }
+        }
+        // One that has opened has let go, though its joints are told late.
+        let mut hand = holding();
+        hand.ended(2, Some(&GripperCommandResult { reached_goal: true, ..GripperCommandResult::default() }), 0.08);
+        hand.measured(0.05, 100);
+        assert!(!hand.state().holding);
     }
 
     #[test]

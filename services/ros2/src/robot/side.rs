@@ -5,8 +5,8 @@
 //! ([`HORIZON_MS`] asks for that); it is followed in thought before the controller gets it, and one that breaks a rule never does. The arm
 //! counts as started when the controller accepts, and as arrived when the controller says so. A controller that refuses, aborts or falls silent
 //! latches a stop, the arm's and the hand's alike, and so does the start of this process. A stop, whoever latches it, cancels every goal that is not
-//! known to have ended, again and again until each has, and is not cleared before that; the hand's goal too, unless something is between the
-//! fingers. What processes before this one left is such a goal. Then the arm stands where its joints are measured.
+//! known to have ended, again and again until each has, and is not cleared before the arm's have; the hand's goal too, unless something is between the
+//! fingers, and also after the stop: a hand's controller that is gone does not keep the arm stopped. What processes before this one left is such a goal. Then the arm stands where its joints are measured.
 //!
 //! Pure: events and time come in, what is to be done goes out.
 
@@ -372,9 +372,12 @@ impl RosSide {
             }
         }
         self.watch_goal(now_ms);
-        if self.arm.as_ref().is_some_and(|arm| arm.stop().is_some()) {
+        let is_stopped = self.arm.as_ref().is_some_and(|arm| arm.stop().is_some());
+        if is_stopped {
             self.goal = None;
             todo.extend(self.unended.to_cancel(now_ms).into_iter().map(Do::Cancel));
+        }
+        if is_stopped || self.hand.is_given_up() {
             todo.extend(self.hand.to_cancel(now_ms).map(Do::CancelGrip));
         }
         todo

@@ -52,6 +52,38 @@ fn a_stop_cancels_the_hand_until_its_goal_ends_unless_something_is_between_its_f
 }
 
 #[test]
+fn what_a_stop_keeps_a_hand_from_letting_go_of_is_in_it_still() {
+    let mut trial = gripping();
+    trial.fingers_m = 0.03;
+    let stalled = GripperCommandResult { position: 0.03, effort: 30.0, stalled: true, reached_goal: false };
+    trial.side.told_by_hand(HandTold::Ended(1, status::SUCCEEDED, stalled), trial.now_ms);
+    trial.run(8);
+    trial.command(|command| command.gripper = Some(GripperCommand { width_m: 0.08, force_n: 30.0 }));
+    trial.run(8);
+    trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+    trial.run(8);
+    trial.side.told_by_hand(HandTold::Ended(2, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
+    trial.run(8);
+    let state = trial.side.state(trial.now_ms, 0).expect("a state");
+    assert!(state.gripper_settled && state.gripper_holding, "{state:?}");
+}
+
+#[test]
+fn a_goal_of_the_hand_that_nobody_knows_to_be_over_is_canceled_on_after_the_stop() {
+    let mut trial = gripping();
+    trial.done();
+    trial.side.told_by_hand(HandTold::Lost(1, "no answer within 2000 ms".to_owned()), trial.now_ms);
+    trial.run(8);
+    assert_eq!(trial.done(), [Do::CancelGrip(1)]);
+    assert!(trial.clears());
+    trial.run(500);
+    assert_eq!((trial.done(), trial.mode()), (vec![Do::CancelGrip(1); 2], RobotMode::Idle));
+    trial.side.told_by_hand(HandTold::Ended(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
+    trial.run(400);
+    assert!(trial.done().is_empty());
+}
+
+#[test]
 fn a_goal_of_the_hand_that_fails_latches_a_stop_and_one_that_something_stalls_does_not() {
     let short = GripperCommandResult { position: 0.03, ..GripperCommandResult::default() };
     let stalled = GripperCommandResult { stalled: true, ..short };
