@@ -25,6 +25,8 @@ pub struct CellWorld {
     hand: SimulatedHand,
     /// The arm, to be commanded and watched.
     pub arm: Arm,
+    /// Whether the hand was stopped with the arm.
+    hand_halted: bool,
     ticks: u64,
     pictures: u64,
     /// The last true picture, with what it shows.
@@ -75,7 +77,18 @@ impl CellWorld {
     pub fn with_scene(scene: SimulatedScene, settings: CellSettings, arm: ArmSettings, hand: HandSettings) -> Self {
         let arm = Arm::new(arm);
         let (world, hand_in_world) = furnished(&scene, &settings, &arm, hand);
-        Self { settings, hand_settings: hand, scene, world, hand: hand_in_world, arm, ticks: 0, pictures: 0, drawn: None }
+        Self {
+            settings,
+            hand_settings: hand,
+            scene,
+            world,
+            hand: hand_in_world,
+            arm,
+            hand_halted: false,
+            ticks: 0,
+            pictures: 0,
+            drawn: None,
+        }
     }
 
     /// Clears the table and sets up the scene of another seed; the arm goes back to its ready pose.
@@ -99,6 +112,12 @@ impl CellWorld {
             self.arm.tick(now_s);
         }
         self.ticks += ticks as u64;
+        let is_stopped = self.arm.stop().is_some();
+        let was_halted = std::mem::replace(&mut self.hand_halted, is_stopped);
+        // As at a robot: fingers that press on something go on, for it must not fall.
+        if is_stopped && !was_halted && !self.hand.grips(&mut self.world) {
+            self.hand.halt();
+        }
         if let Some(command) = self.arm.take_gripper() {
             self.hand.command(&command);
         }
@@ -206,6 +225,7 @@ fn furnished(scene: &SimulatedScene, settings: &CellSettings, arm: &Arm, hand: H
 #[cfg(test)]
 mod tests {
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
+    use serde_json::json;
 
     use super::*;
 
@@ -230,6 +250,28 @@ mod tests {
         }
         assert!(!Shows { robot: None, ..before.clone() }.looks_like(&before));
         assert!(!Shows { world_from_objects: Vec::new(), ..before.clone() }.looks_like(&before));
+    }
+
+    #[test]
+    fn a_stop_leaves_the_fingers_where_they_are() {
+        let mut cell = cell(1);
+        let mut now_s = 0.0;
+        let mut run = |cell: &mut CellWorld, seconds: f64| {
+            for _ in 0..(seconds / cell.step_s()) as usize {
+                now_s += cell.step_s();
+                cell.step(now_s);
+            }
+            cell.hand.width_m(&mut cell.world)
+        };
+        run(&mut cell, 0.5);
+        let close =
+            json!({"v": 1, "seq": 1, "owner": {"id": "test", "epoch": 1}, "ttl_ms": 60_000, "gripper": {"width_m": 0.0, "force_n": 20.0}});
+        cell.arm.command(&serde_json::from_value(close).expect("a command"), 0.5).expect("taken");
+        let before_m = run(&mut cell, 0.2);
+        assert!((0.03..0.078).contains(&before_m), "they are on their way: {before_m}");
+        cell.arm.emergency_stop(&repose_proto::robot::EmergencyStop::read(b"a hand"));
+        let after_m = run(&mut cell, 2.0);
+        assert!((before_m - after_m).abs() < 3e-3, "{before_m} {after_m}");
     }
 
     #[test]

@@ -136,6 +136,11 @@ impl SimulatedHand {
         self.force_n = (command.force_n as f32).clamp(1.0, self.settings.max_force_n);
     }
 
+    /// Leaves off what it does: the fingers stay where they are.
+    pub fn halt(&mut self) {
+        (self.goal_m, self.target_m) = (self.middle_m, self.middle_m);
+    }
+
     /// Prepares the next step of the world: the palm will be at `world_from_hand` at its end.
     pub fn before_step(&mut self, world: &mut World, world_from_hand: &Isometry3<f64>) {
         let reach = self.settings.speed_m_s * world.step_s();

@@ -83,6 +83,8 @@ pub struct Arm {
     stop: Option<StopState>,
     /// The emergency stops of the latched stop, with what they say, the newest first.
     estops: VecDeque<(String, String)>,
+    /// What had stopped it before them, by kind and reason.
+    stopped_before: Option<String>,
     braking: Option<Stop>,
     gripper: Option<GripperCommand>,
     /// What the last gripper action was to grasp.
@@ -122,6 +124,7 @@ impl Arm {
             stream_ms: None,
             stop: None,
             estops: VecDeque::new(),
+            stopped_before: None,
             braking: None,
             gripper: None,
             grasps: None,
@@ -275,8 +278,8 @@ impl Arm {
     }
 
     /// Takes an emergency stop: latches at once. A stop that is latched already takes the newest one's id: its sender sees it taken, and whoever
-    /// clears the stop as it was before does not clear this one. The reason goes on to say those before it, so that the stop is another even
-    /// when a repeat of an earlier one comes last.
+    /// clears the stop as it was before does not clear this one. The reason goes on to say those before it, whatever they were, so that nobody takes a
+    /// hand that has failed for a button that was pressed, and so that the stop is another even when a repeat of an earlier one comes last.
     pub fn emergency_stop(&mut self, estop: &EmergencyStop) {
         if self.stop.as_ref().is_some_and(|latched| latched.estop_id.as_ref() == Some(&estop.id)) {
             return;
@@ -284,7 +287,10 @@ impl Arm {
         self.estops.retain(|(id, _)| *id != estop.id);
         self.estops.push_front((estop.id.clone(), format!("{}: {}", estop.source, estop.reason)));
         self.estops.truncate(ESTOPS);
-        let said: Vec<&str> = self.estops.iter().map(|(_, said)| said.as_str()).collect();
+        if let Some(StopState { kind, reason, estop_id: None }) = &self.stop {
+            self.stopped_before = Some(format!("{kind}: {reason}"));
+        }
+        let said: Vec<&str> = self.estops.iter().map(|(_, said)| said.as_str()).chain(self.stopped_before.as_deref()).collect();
         let stop = StopState { kind: "estop".to_owned(), reason: said.join("; before that "), estop_id: Some(estop.id.clone()) };
         match &mut self.stop {
             Some(latched) => *latched = stop,
@@ -348,6 +354,7 @@ impl Arm {
         if command.clear_stop && self.motion.is_at_rest() {
             self.stop = None;
             self.estops.clear();
+            self.stopped_before = None;
             self.watch.close();
         }
         if self.stop.is_some() {

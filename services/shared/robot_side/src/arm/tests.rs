@@ -163,6 +163,26 @@ fn a_second_emergency_stop_is_not_cleared_with_the_first() {
 }
 
 #[test]
+fn an_emergency_stop_says_what_had_stopped_the_arm_before() {
+    let mut arm = Arm::default();
+    arm.fault("gripper_failed", "the hand does not answer".to_owned());
+    let estop = |id: &str| EmergencyStop { v: 1, id: id.to_owned(), source: "a button".to_owned(), reason: "now".to_owned(), stamp_ns: 0 };
+    for id in ["a", "b"] {
+        arm.emergency_stop(&estop(id));
+        let stop = arm.stop().expect("a stop");
+        assert_eq!(stop.kind, "estop");
+        assert!(
+            stop.reason.starts_with("a button: now") && stop.reason.ends_with("before that gripper_failed: the hand does not answer"),
+            "{stop:?}"
+        );
+    }
+    let clear = RobotCommand { clear_stop: true, starts_stream: false, clears: arm.stop().cloned(), ..command(1, 1, Vec::new()) };
+    arm.command(&clear, 0.0).expect("taken");
+    arm.emergency_stop(&estop("c"));
+    assert_eq!(arm.stop().map(|stop| stop.reason.as_str()), Some("a button: now"), "what was cleared is over");
+}
+
+#[test]
 fn a_stop_that_latched_meanwhile_is_not_cleared_with_another() {
     let mut arm = Arm::default();
     arm.command(&command(1, 1, Vec::new()), 0.0).expect("taken");
