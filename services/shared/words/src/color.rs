@@ -104,10 +104,15 @@ impl ColorShares {
             if without_hue > 0.5 {
                 lightness.push(l);
             }
+            // A name that has two regions is said once of a point that is in both.
+            let mut weights = [0.0; ColorTerm::ALL.len()];
             for (color, hues, lights, least_chroma) in REGIONS {
                 let weight =
                     hue_weight(hue_deg, hues) * trapezoid(l, lights, LIGHTNESS_MARGIN) * rises(chroma, least_chroma, CHROMA_MARGIN);
-                shares[color as usize] = f64::max(shares[color as usize], 0.0) + weight / colors.len() as f64;
+                weights[color as usize] = f64::max(weights[color as usize], weight);
+            }
+            for (share, weight) in shares.iter_mut().zip(weights) {
+                *share += weight / colors.len() as f64;
             }
         }
         if !lightness.is_empty() {
@@ -168,7 +173,8 @@ fn trapezoid(value: f64, [low, high]: [f64; 2], margin: f64) -> f64 {
 }
 
 fn hue_weight(hue_deg: f64, hues: [f64; 2]) -> f64 {
-    [hue_deg, hue_deg + 360.0].into_iter().map(|h| trapezoid(h, hues, HUE_MARGIN_DEG)).fold(0.0, f64::max)
+    // A region, or its margin, may reach beyond either end of the circle.
+    [hue_deg - 360.0, hue_deg, hue_deg + 360.0].into_iter().map(|h| trapezoid(h, hues, HUE_MARGIN_DEG)).fold(0.0, f64::max)
 }
 
 #[cfg(test)]
@@ -183,6 +189,7 @@ mod tests {
             ([20, 20, 22], ColorTerm::Black),
             ([220, 20, 30], ColorTerm::Red),
             ([110, 20, 25], ColorTerm::Red),
+            ([110, 5, 35], ColorTerm::Red),
             ([255, 140, 0], ColorTerm::Orange),
             ([139, 69, 19], ColorTerm::Brown),
             ([240, 215, 40], ColorTerm::Yellow),
@@ -212,6 +219,22 @@ mod tests {
             (shares.is(ColorTerm::Blue), shares.is(ColorTerm::Red), shares.is(ColorTerm::Green)),
             (Grade::Yes, Grade::Maybe, Grade::No)
         );
+    }
+
+    #[test]
+    fn a_name_with_two_regions_counts_a_point_once() {
+        let mut printed = vec![[255, 105, 180]; 40];
+        printed.extend([[30, 60, 200]; 60]);
+        let shares = ColorShares::of(&printed).expect("points");
+        assert_eq!((shares.name(), shares.is(ColorTerm::Pink)), (Some(ColorTerm::Blue), Grade::Maybe));
+        assert!((shares.share(ColorTerm::Pink) - 0.4).abs() < 1e-9);
+    }
+
+    #[test]
+    fn red_does_not_end_where_the_circle_of_hues_does() {
+        let wine = [125, 45, 75];
+        assert!(oklch(wine)[2] > 355.0, "{:?}", oklch(wine));
+        assert_eq!(ColorShares::of(&[wine]).expect("a point").name(), Some(ColorTerm::Red));
     }
 
     #[test]
