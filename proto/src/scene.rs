@@ -166,7 +166,8 @@ pub struct Unseen {
 /// the grid was not looked into.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct UnseenSpace {
-    /// The lowest corner of the first cube, world frame, metres; its z is the height of the main support surface.
+    /// The lowest corner of the first cube, world frame, metres; its z is the height of the main support surface, or of what stands a little
+    /// lower and carries things too.
     pub origin_m: [f64; 3],
     /// Edge of a cube, metres.
     pub cell_m: f64,

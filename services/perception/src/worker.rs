@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use repose_proto::load::{CameraLoad, NewestSceneLoad};
-use repose_proto::{CallError, Frame, Payload, RobotInView, Scene, SceneSummary, SceneWarning, keys};
+use repose_proto::{CallError, Frame, Payload, Scene, SceneSummary, SceneWarning, keys};
 use repose_runtime::{ComputeQueue, JobContext, LoadGauge, QueueSettings, RuntimeError, SceneStore, Subscription, read_robot_state};
 use tokio::sync::Notify;
 use tokio::sync::futures::Notified;
@@ -12,6 +12,7 @@ use tokio::sync::futures::Notified;
 use crate::cameras::pace::{Pace, Shown};
 use crate::config::PerceptionConfig;
 use crate::newest_scenes::{KeptScene, NewestScenes};
+use crate::robots::shown::{InPicture, ShownRobots};
 use crate::robots::states::RobotStates;
 use crate::segment::segment;
 use crate::settings::Settings;
@@ -49,6 +50,7 @@ struct CellRobots {
     /// Since when they are listened to, and when one was read last.
     since: Option<Instant>,
     heard: Option<Instant>,
+    shown: ShownRobots,
 }
 
 impl CellRobots {
@@ -63,11 +65,22 @@ impl CellRobots {
         }
     }
 
-    fn at(&mut self, stamp_ns: u64, origin: FrameOrigin) -> (Vec<RobotInView>, Vec<SceneWarning>) {
+    /// The robots in a picture that says nothing of them. A caller's that a camera of the cell has shown before has those that it had then.
+    fn in_picture(&mut self, camera: &str, stamp_ns: u64, origin: FrameOrigin) -> InPicture {
         self.read();
         match origin {
-            FrameOrigin::Camera => self.states.at_or_nearest(stamp_ns),
-            FrameOrigin::Caller => (self.states.at(stamp_ns), Vec::new()),
+            FrameOrigin::Camera => {
+                let robots = self.states.at_or_nearest(stamp_ns);
+                self.shown.put(camera, stamp_ns, robots.clone());
+                robots
+            }
+            FrameOrigin::Caller => self.shown.of(camera, stamp_ns).cloned().unwrap_or_else(|| {
+                let robots = self.states.at(stamp_ns);
+                let is_unknown = robots.is_empty() && !self.states.is_empty() && self.shown.knows(camera);
+                let message = "no robot of the cell told where it was at the time of this picture: what shows of one is taken for objects and furniture";
+                let warning = is_unknown.then(|| SceneWarning { field: "robots".to_owned(), message: message.to_owned() });
+                (robots, warning.into_iter().collect())
+            }),
         }
     }
 }
@@ -106,6 +119,7 @@ impl Worker {
                 waiting: None,
                 since: None,
                 heard: None,
+                shown: ShownRobots::default(),
             })),
             first_frame: OnceLock::new(),
             robots_wait: Duration::from_millis(config.robots_wait_ms),
@@ -311,7 +325,7 @@ fn scene_of(
     let mut frame = timed(&mut times.decode_ms, || Frame::from_bulk(&frame.decode_bulk(Frame::SCHEMA)?))?;
     let mut warnings = Vec::new();
     if frame.robots.is_empty() {
-        (frame.robots, warnings) = locked(robots).at(frame.stamp_ns, origin);
+        (frame.robots, warnings) = locked(robots).in_picture(&frame.camera_name, frame.stamp_ns, origin);
     }
     context.check()?;
     let mut scene = timed(&mut times.segment_ms, || segment(&frame, settings).map_err(CallError::from))?;

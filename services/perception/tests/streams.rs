@@ -4,16 +4,16 @@ mod common;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use common::{config, encoded, frame, frame_of};
 use repose_perception::PerceptionConfig;
 use repose_perception::cameras::{CameraFollower, FrameCounts};
 use repose_perception::newest_scenes::KeptScene;
-use repose_perception::worker::Worker;
+use repose_perception::worker::{FrameOrigin, Worker};
 use repose_proto::robot::RobotState;
 use repose_proto::{ErrorCode, Payload, RigidTransform, SceneSummary};
-use repose_runtime::{CancellationToken, Session, Subscription, Traffic};
+use repose_runtime::{CancellationToken, JobContext, Session, Subscription, Traffic};
 
 /// Cameras that are followed, and who listens to their scenes.
 struct Following {
@@ -156,9 +156,9 @@ async fn while_nobody_asks_few_frames_become_scenes_and_who_asks_gets_that_of_th
     let mut following = Following::start_as(idle, &["front"], &[]).await;
     assert_eq!(following.worker.latest("nobody").await.unwrap_err().code, ErrorCode::NotFound);
     // The subscription may still be on its way.
-    let mut last_put = std::time::Instant::now();
+    let mut last_put = Instant::now();
     while following.counts().received.load(Ordering::SeqCst) == 0 {
-        last_put = std::time::Instant::now();
+        last_put = Instant::now();
         following.put("front", encoded(&frame("front", 1))).await;
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
@@ -182,7 +182,7 @@ async fn while_nobody_asks_few_frames_become_scenes_and_who_asks_gets_that_of_th
         following.settled().await;
         let published = following.counts().published.load(Ordering::SeqCst);
         newest_ns += 1;
-        last_put = std::time::Instant::now();
+        last_put = Instant::now();
         following.put("front", encoded(&frame("front", newest_ns))).await;
         following.until(|counts| counts.published.load(Ordering::SeqCst) == published + 1).await;
     };
@@ -359,5 +359,14 @@ async fn the_first_frame_waits_for_the_robots_and_a_silent_robot_stays_where_it_
         }
     };
     assert_eq!(of_robots(&later), 1, "{:?}", later.warnings);
+
+    // A page that holds this picture has it looked at again long after.
+    let again = async |stamp_ns: u64| {
+        let context = JobContext::new(Instant::now() + Duration::from_secs(9), CancellationToken::new());
+        following.worker.segment(context, encoded(&frame("front", stamp_ns)), FrameOrigin::Caller).await.unwrap().0
+    };
+    let held = again(9_000_000_000).await;
+    assert_eq!((&held.summary.scene_id, &held.summary.warnings), (&later.scene_id, &later.warnings), "with the robot where it was");
+    assert_eq!(of_robots(&again(99_000_000_000).await.summary), 1, "nobody knows where it was then");
     following.stop().await;
 }

@@ -5,4 +5,5 @@ pub mod calibration;
 pub mod held;
 pub mod nearness;
 pub mod self_filter;
+pub mod shown;
 pub mod states;

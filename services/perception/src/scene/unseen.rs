@@ -13,6 +13,9 @@ use crate::supports::surfaces::SupportSurface;
 /// How far above the highest furniture the cubes reach at least, where they must grow to reach it at all, metres: things stand on it.
 const HEADROOM_M: f64 = 0.3;
 
+/// Things are stood on furniture that is no farther below the largest than this, metres: a step, a tray, a lower board. A floor is farther.
+const BELOW_M: f32 = 0.35;
+
 /// Farther than this no depth camera measures, whatever it says, metres.
 const FARTHEST_M: f32 = 20.0;
 
@@ -49,7 +52,7 @@ pub struct RayView<'a> {
 
 /// The cubes above the furniture among `surfaces` that were not seen; `None` without furniture.
 ///
-/// The grid spans the furniture's outlines and rises from the largest one, which may be a floor, past the highest.
+/// The grid spans the furniture's outlines and rises from the largest one, which may be a floor, or what is a little lower, past the highest.
 pub fn space(view: &RayView<'_>, surfaces: &[SupportSurface], settings: &UnseenSettings) -> Option<UnseenSpace> {
     let furniture = || surfaces.iter().filter(|s| s.object.is_none());
     let main = furniture().max_by(|a, b| a.seen_m2.total_cmp(&b.seen_m2))?;
@@ -60,13 +63,15 @@ pub fn space(view: &RayView<'_>, surfaces: &[SupportSurface], settings: &UnseenS
     let high = corners().fold([f32::NEG_INFINITY; 2], |high, c| [high[0].max(c.x), high[1].max(c.y)]).map(|m| micro(f64::from(m)));
     let longest_m = (high[0] - low[0]).max(high[1] - low[1]);
     let wide_m = settings.cell_m.max(longest_m / UnseenSpace::MAX_SIDE as f64);
-    let rise_m = f64::from(furniture().map(|s| s.height_m).fold(main.height_m, f32::max) - main.height_m);
+    let heights = || furniture().map(|s| s.height_m);
+    let lowest_m = heights().filter(|height_m| *height_m >= main.height_m - BELOW_M).fold(main.height_m, f32::min);
+    let rise_m = f64::from(heights().fold(main.height_m, f32::max) - lowest_m);
     let levels = UnseenSpace::LEVELS as f64;
     let high_m = if rise_m < levels * wide_m { wide_m } else { (rise_m + HEADROOM_M) / levels };
     let cell_m = micro(high_m).max(1e-6);
     let side = |k: usize| (((high[k] - low[k]) / cell_m - 1e-3).ceil() as usize).clamp(1, UnseenSpace::MAX_SIDE);
     let (columns, rows) = (side(0), side(1));
-    let origin_m = [low[0], low[1], micro(f64::from(main.height_m))];
+    let origin_m = [low[0], low[1], micro(f64::from(lowest_m))];
 
     let camera_from_world = view.world_from_camera.inverse();
     let to_camera = |x: f64, y: f64, z: f64| (camera_from_world * Point3::new(x, y, z)).cast::<f32>();
@@ -222,6 +227,30 @@ mod tests {
         assert!((high.cell_m * 32.0 - 1.1).abs() < 1e-4, "{}", high.cell_m);
         // What the cubes reach at their own size, they reach as ever.
         assert_eq!(of(0.6), space(&view, &[table()], &UnseenSettings::default()).unwrap());
+    }
+
+    #[test]
+    fn on_a_lower_board_missing_readings_are_unseen_as_on_the_table() {
+        let world_from_camera = look_at(&Point3::new(0.0, -0.8, 0.5), &Point3::origin(), &Vector3::z());
+        let board = Solid::cuboid([0.25, 0.0, -0.11], [0.15, 0.3, 0.01]);
+        let solids = [Solid::cuboid([-0.2, 0.0, -0.01], [0.25, 0.3, 0.01]), board, Solid::table(-0.8)];
+        let mut depth_m = cast(&solids, &CAMERA, &world_from_camera).map(|s| s.map_or(f32::NAN, |(z, _)| z as f32));
+        // Where the camera sees the board at (0.25, 0.1) nothing comes back.
+        let at = world_from_camera.inverse() * Point3::new(0.25, 0.1, -0.1);
+        let (u, v) = ((CAMERA.fx * at.x / at.z + CAMERA.cx) as isize, (CAMERA.fy * at.y / at.z + CAMERA.cy) as isize);
+        for (du, dv) in (-12..=12).flat_map(|du| (-12..=12).map(move |dv| (du, dv))) {
+            depth_m[((u + du) as usize, (v + dv) as usize)] = f32::NAN;
+        }
+        let view = RayView { depth_m: &depth_m, camera: CAMERA, world_from_camera: &world_from_camera };
+        let lower = |height_m: f32| {
+            let outline = [(0.1, -0.3), (0.4, -0.3), (0.4, 0.3), (0.1, 0.3)].map(|(x, y)| Point3::new(x, y, height_m));
+            SupportSurface { height_m, outline: Footprint::of(&outline).unwrap(), seen_m2: 0.18, object: None }
+        };
+        let of = |surfaces: &[SupportSurface]| space(&view, surfaces, &UnseenSettings::default()).unwrap();
+        let both = of(&[table(), lower(-0.1)]);
+        assert_eq!((both.hides([0.25, 0.1, -0.09]), both.hides([0.25, -0.2, -0.09])), (Some(true), Some(false)));
+        // A floor far below changes nothing.
+        assert_eq!(of(&[table(), lower(-0.8)]), of(&[table()]));
     }
 
     #[test]
