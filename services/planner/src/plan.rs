@@ -92,6 +92,8 @@ fn on_every_side(
     let as_it_lies = PlaceRequest { rotation: Rotation::Yaw, ..request.clone() };
     let (report, mut passed) = planned(&Attitude::as_seen(prepared), &as_it_lies, models, control, false)?;
     let mut found = report.result;
+    // What comes first in the end, whatever is found on other sides.
+    let first = found.placements.first().cloned();
     let centroid = prepared.object(request.query, "query")?.0.centroid;
     let mut taken: Vec<Point3<f64>> = found.placements.iter().map(|placement| carried(placement, &centroid)).collect::<Result<_, _>>()?;
     let lacks = taken.len() < request.count as usize && !found.rejections.contains_key(&Rejection::Unsettles);
@@ -105,8 +107,10 @@ fn on_every_side(
         let table = turned_over(prepared, request.query, turn)?;
         let mut of_side = of_side(&as_it_lies, &table);
         of_side.budget.time_ms = left_ms;
-        let before = (found.iterations, found.evaluated);
-        let mut told = |step: SearchStep| control(told_of(step, before, &turn));
+        let cheapest = found.placements.iter().min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let before =
+            Before { iterations: found.iterations, evaluated: found.evaluated, first: first.as_ref(), cheapest: cheapest.cloned() };
+        let mut told = |step: SearchStep| control(told_of(step, &before, &turn));
         let kept_from = Taken { places: &taken, centroid: turn * centroid };
         let attitude = Attitude { prepared: &table.prepared, turned: Some(&table.turned), taken: Some(kept_from) };
         match planned(&attitude, &of_side, models, &mut told, false) {
@@ -188,14 +192,24 @@ pub fn rigid(placed_from_observed: &RigidTransform) -> Result<Isometry3<f64>, Ca
     from_row_major(&placed_from_observed.0).map_err(|e| CallError::internal(format!("a placement is no rigid motion: {e}")))
 }
 
-/// A step on one side as one of the whole search, of which so many iterations and candidates were before.
-fn told_of(step: SearchStep, (iterations, evaluated): (u32, u64), turned_from_observed: &Isometry3<f64>) -> SearchStep {
-    match step {
-        SearchStep::Batch => SearchStep::Batch,
-        SearchStep::Iteration(progress) => SearchStep::Iteration(Box::new(PlaceProgress {
-            iterations: iterations + progress.iterations,
-            evaluated: evaluated + progress.evaluated,
-            best: progress.best.and_then(|best| from_observed(best, turned_from_observed).ok()),
-        })),
-    }
+/// What was searched before a side is.
+struct Before<'a> {
+    iterations: u32,
+    evaluated: u64,
+    /// The best with the object as it lies, which stays the best.
+    first: Option<&'a Placement>,
+    /// The best on the sides before.
+    cheapest: Option<Placement>,
+}
+
+/// A step on one side as one of the whole search.
+fn told_of(step: SearchStep, before: &Before<'_>, turned_from_observed: &Isometry3<f64>) -> SearchStep {
+    let SearchStep::Iteration(progress) = step else { return step };
+    let here = progress.best.and_then(|best| from_observed(best, turned_from_observed).ok());
+    let cheaper = || here.into_iter().chain(before.cheapest.clone()).min_by(|a, b| a.cost.total_cmp(&b.cost));
+    SearchStep::Iteration(Box::new(PlaceProgress {
+        iterations: before.iterations + progress.iterations,
+        evaluated: before.evaluated + progress.evaluated,
+        best: before.first.cloned().or_else(cheaper),
+    }))
 }

@@ -79,7 +79,7 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
         angle_rad: turned_from_observed.rotation.angle(),
         seen_base_share: solid.seen_base_share(settings.sides.contact_m),
     };
-    let mut after = PreparedScene::with_shapes(Arc::new(scene), known);
+    let mut after = prepared.after(id, Arc::new(scene), known);
     // Nothing lay on it, so nothing does, even if it has come to be under something.
     after.belief.bare(id);
     Ok(TurnedOver { prepared: after, turned })
@@ -87,6 +87,8 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point2;
+
     use super::*;
     use crate::tests::synthetic::{Prepared, SceneBuilder};
 
@@ -107,6 +109,21 @@ mod tests {
         heights_mm.sort_unstable();
         for (found, expected) in heights_mm.iter().zip([60, 90, 90, 160, 160]) {
             assert!((found - expected).abs() <= 8, "{heights_mm:?}");
+        }
+    }
+
+    #[test]
+    fn what_was_seen_to_be_free_beside_an_object_stays_so_when_another_is_turned_over() {
+        // A pot with one handle, to the right.
+        let pot = SceneBuilder::table().object(1, [0.0, 0.0], [0.16, 0.16, 0.08]).object_at(1, [0.15, 0.0], 0.05, [0.14, 0.03, 0.02]);
+        let prepared = pot.object(2, [-0.3, -0.2], [0.12, 0.08, 0.06]).prepared();
+        let turns = turns(&prepared, 2).unwrap();
+        assert!(!turns.is_empty());
+        for turn in turns {
+            let table = turned_over(&prepared, 2, turn).unwrap().prepared;
+            let filled = |x: f32, y: f32| table.belief.columns.at(&Point2::new(x, y)).iter().any(|run| run.object == 1);
+            assert!(!filled(0.17, -0.055), "before the handle the table was seen");
+            assert!(filled(0.17, 0.055), "behind it nobody knows");
         }
     }
 

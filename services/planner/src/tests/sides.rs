@@ -9,8 +9,9 @@ use repose_proto::place::{Outcome, PlaceRequest, Placement, RegionBox, Rejection
 
 use crate::judge::constraints::Constraints;
 use crate::judge::problem::PlacementProblem;
+use crate::learned::models::NoModels;
 use crate::learned::{standing, success};
-use crate::plan::{PlanReport, plan_turned_with_report, plan_with_report};
+use crate::plan::{PlanReport, SearchStep, plan, plan_turned_with_report, plan_with_report};
 use crate::scene::moved::table_after;
 use crate::scene::turned::{turned_over, turns};
 use crate::settings::PlanSettings;
@@ -98,6 +99,25 @@ fn answers_on_other_sides_that_are_too_close_are_told() {
     let (of_one, of_all) = (as_it_lies.shortfall.unwrap(), result.shortfall.unwrap());
     assert_eq!((of_all.reason, of_all.too_close), (ShortfallReason::Separation, of_all.passed - 1));
     assert!(of_all.passed > of_one.passed + 100, "{of_all:?} after {of_one:?}");
+}
+
+#[test]
+fn what_is_told_as_the_best_so_far_is_not_forgotten_on_another_side() {
+    let prepared = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).object(2, [-0.25, -0.2], [0.12, 0.08, 0.06]).prepared();
+    let wanted =
+        PlaceRequest { rotation: Rotation::Stable, count: 3, min_separation_m: Some(5.0), ..request(&prepared, 2, &["right_of:1"]) };
+    let as_it_lies = run(&prepared, &PlaceRequest { rotation: Rotation::Yaw, ..wanted.clone() });
+    let mut told = Vec::new();
+    let result = plan(&prepared, &wanted, &NoModels, &mut |step| {
+        if let SearchStep::Iteration(progress) = step {
+            told.push(*progress);
+        }
+        ControlFlow::Continue(())
+    });
+    let result = result.unwrap();
+    let on_other_sides: Vec<_> = told.iter().filter(|progress| progress.iterations > as_it_lies.iterations).collect();
+    assert!(!on_other_sides.is_empty());
+    assert!(on_other_sides.iter().all(|progress| progress.best.as_ref() == Some(&result.placements[0])));
 }
 
 #[test]
