@@ -2,14 +2,18 @@
 
 mod common;
 
+use std::collections::BTreeSet;
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use common::{PATIENCE, Process, Refusal, assert_refused_within, newest_scene, repose, run};
+use repose_proto::load::WorkerLoad;
 use repose_proto::place::{Budget, Variant};
 use repose_proto::{ErrorCode, GoalTerm, PlaceRequest, Relation, SceneSummary, Service};
+use repose_recorder::calls::Calls;
+use repose_recorder::replay::is_repeatable;
 use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
 use serde_json::{Value, json};
 
@@ -67,6 +71,39 @@ async fn seen(endpoint: &str, arguments: &[&str], is_right: impl Fn(&Value) -> b
     }
 }
 
+/// Records the pool, whose two workers copy their calls from now on.
+async fn recording_the_pool(endpoint: &str, session: &Session, file: &Path) -> Process {
+    let rack = session.in_cell("rack").expect("a cell");
+    let mut loads = rack.subscribe_queue(&rack.cell().all_loads(), 256).await.expect("a subscription");
+    let mut command = repose();
+    command.args(["--json", "record", "--cell", "rack", "--connect", endpoint, "--out"]).arg(file).stdout(Stdio::null());
+    let recorder = Process(command.spawn().expect("the recorder"));
+    let mut copying = BTreeSet::new();
+    let both = async {
+        while copying.len() < 2 {
+            let sample = loads.recv().await.expect("a load");
+            if sample.payload.decode_json::<WorkerLoad>().expect("a load").journals {
+                copying.insert(sample.key);
+            }
+        }
+    };
+    tokio::time::timeout(PATIENCE, both).await.expect("the pool's workers copy their calls");
+    recorder
+}
+
+/// Ends a recording of the pool: it has the scenes, which are the cells', and what was asked about them by their ids alone is answered alike.
+async fn is_asked_again(mut recorder: Process, file: &Path, scene_ids: [&String; 2]) {
+    recorder.signal(libc::SIGINT);
+    assert!(recorder.0.wait().expect("its end").success());
+    let calls = Calls::read(&[file.to_owned()], is_repeatable).expect("a recording");
+    assert!(scene_ids.iter().all(|id| calls.scenes.contains_key(*id)), "{:?} of {scene_ids:?}", calls.scenes.keys());
+    let mut command = repose();
+    command.args(["--json", "replay"]).arg(file);
+    let output = tokio::task::spawn_blocking(move || command.output()).await.expect("no panic").expect("the program runs");
+    let replayed: Value = serde_json::from_slice(&output.stdout).expect("a document");
+    assert_eq!((&replayed["requests"], &replayed["same"]), (&json!(2), &json!(2)), "{replayed:#}");
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn two_simulated_cells_share_one_pool_and_each_is_answered_for_its_own_scene() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -81,9 +118,12 @@ async fn two_simulated_cells_share_one_pool_and_each_is_answered_for_its_own_sce
     assert_eq!((&document["cells"], &document["pool"]), (&json!(["cell-1", "cell-2"]), &json!("rack")), "{document:#}");
 
     let (first, second) = (session(&endpoint, "cell-1").await, session(&endpoint, "cell-2").await);
+    let file = folder.path().join("rack.mcap");
+    let recorder = recording_the_pool(&endpoint, &first, &file).await;
     let ((first_scene, planner), (second_scene, same_planner)) = tokio::join!(placed(&first), placed(&second));
     assert_ne!(first_scene.scene_id, second_scene.scene_id);
     assert_eq!(planner, same_planner);
+    is_asked_again(recorder, &file, [&first_scene.scene_id, &second_scene.scene_id]).await;
     // Nobody fetches a scene from where it is not of.
     let elsewhere = PlaceRequest::new("0".repeat(64), 1, vec![GoalTerm { relation: Relation::Near, anchor: 2, holds: true }]);
     let caller = first.caller(Service::Planner).await.expect("a caller");

@@ -34,6 +34,8 @@ pub struct JournalEntry {
     pub stamp_ns: u64,
     /// Which of the two.
     pub kind: JournalKind,
+    /// The cell that a call is for, where that is not the worker's own: it has the scenes that the call is about. Of replies none.
+    pub cell: Option<String>,
     /// The attachment, JSON: a [`crate::CallAttachment`] or a [`crate::ReplyAttachment`].
     pub attachment: String,
     /// The message.
@@ -55,6 +57,9 @@ impl JournalEntry {
             ("encoding", self.payload.encoding.clone()),
         ] {
             bulk.metadata.insert(name.to_owned(), text);
+        }
+        if let Some(cell) = &self.cell {
+            bulk.metadata.insert("cell".to_owned(), cell.clone());
         }
         bulk.tensors.insert("payload".to_owned(), Tensor::u8(&[self.payload.bytes.len()], &self.payload.bytes));
         bulk
@@ -78,6 +83,7 @@ impl JournalEntry {
             seq: number("seq")?,
             stamp_ns: number("stamp_ns")?,
             kind,
+            cell: bulk.metadata.get("cell").cloned(),
             attachment: bulk.text("attachment")?.to_owned(),
             payload: Payload { encoding: bulk.text("encoding")?.to_owned(), bytes: bytes.into() },
         })
@@ -91,9 +97,14 @@ mod tests {
     #[test]
     fn a_copy_comes_back_as_it_went_and_a_bad_one_names_what_is_wrong() {
         let payload = Payload { encoding: "application/json;repose.PlaceRequest.v1".to_owned(), bytes: vec![0, 1, 255].into() };
-        let entry = JournalEntry { seq: 7, stamp_ns: u64::MAX, kind: JournalKind::Reply, attachment: "{\"v\":1}".to_owned(), payload };
-        let bulk = Bulk::decode(&entry.to_bulk().encode()).expect("bulk");
-        assert_eq!(JournalEntry::from_bulk(&bulk).expect("an entry"), entry);
+        let reply =
+            JournalEntry { seq: 7, stamp_ns: u64::MAX, kind: JournalKind::Reply, cell: None, attachment: "{\"v\":1}".to_owned(), payload };
+        let call = JournalEntry { kind: JournalKind::Call, cell: Some("cell-2".to_owned()), ..reply.clone() };
+        for entry in [&call, &reply] {
+            let bulk = Bulk::decode(&entry.to_bulk().encode()).expect("bulk");
+            assert_eq!(&JournalEntry::from_bulk(&bulk).expect("an entry"), entry);
+        }
+        let bulk = reply.to_bulk();
         for (name, text) in [("kind", "gossip"), ("seq", "-1")] {
             let mut wrong = bulk.clone();
             wrong.metadata.insert(name.to_owned(), text.to_owned());

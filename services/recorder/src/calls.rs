@@ -132,7 +132,7 @@ mod tests {
     }
 
     fn copy(worker: &str, seq: u64, kind: JournalKind, attachment: &str, payload: Payload) -> RecordedMessage {
-        let entry = JournalEntry { seq, stamp_ns: 100 + seq, kind, attachment: attachment.to_owned(), payload };
+        let entry = JournalEntry { seq, stamp_ns: 100 + seq, kind, cell: None, attachment: attachment.to_owned(), payload };
         let topic = Cell::new("lab").expect("a cell").journal(Service::Planner, worker);
         RecordedMessage { topic, at_ns: seq, payload: Payload::bulk(JournalEntry::SCHEMA, &entry.to_bulk()).expect("small") }
     }

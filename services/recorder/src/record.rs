@@ -12,7 +12,7 @@ use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
 use repose_proto::{ErrorCode, JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
 use repose_runtime::{
-    COPIES_WAIT, CallOptions, Caller, CancellationToken, SCENE_WITHIN, Sample, Session, Shutdown, Subscription, fetch_scene_payload,
+    COPIES_WAIT, CallOptions, CancellationToken, CellCallers, SCENE_WITHIN, Sample, Session, Shutdown, Subscription, fetch_scene_payload,
     now_ns, yield_to_messages,
 };
 use tokio::runtime::Handle;
@@ -71,7 +71,7 @@ pub async fn record(
     };
     let late = CancellationToken::new();
     let mut capture = Capture {
-        perception: session.caller(Service::Perception).await?,
+        perceptions: Arc::new(CellCallers::new(session.clone(), Service::Perception)),
         to_file,
         settings,
         lost: lost.clone(),
@@ -210,7 +210,8 @@ impl Heard {
 
 /// Decides what is kept of what is heard, and fetches scenes.
 struct Capture {
-    perception: Caller,
+    /// Those of the cells that calls are for: a pool has no perception, and the scenes that its planners are asked about are of others.
+    perceptions: Arc<CellCallers>,
     to_file: mpsc::Sender<Captured>,
     settings: RecordSettings,
     lost: LostMessages,
@@ -287,17 +288,17 @@ impl Capture {
                 if let Ok(summary) = sample.payload.decode_json::<SceneSummary>()
                     && is_due(&mut self.scene_due, &sample.key, self.settings.scene_period)
                 {
-                    self.fetch(summary.scene_id);
+                    self.fetch(summary.scene_id, None);
                 }
                 self.keep("summaries", sample, false);
             }
             Message::Other(kind, sample) => self.keep(kind, sample, true),
             Message::Journal(sample) => {
                 let entry = sample.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
-                if let Ok(JournalEntry { kind: JournalKind::Call, payload, .. }) = &entry
-                    && let Some(scene_id) = scene_asked_about(payload)
+                if let Ok(JournalEntry { kind: JournalKind::Call, payload, cell, .. }) = entry
+                    && let Some(scene_id) = scene_asked_about(&payload)
                 {
-                    self.fetch(scene_id);
+                    self.fetch(scene_id, cell);
                 }
                 self.keep("calls", sample, true);
             }
@@ -308,8 +309,9 @@ impl Capture {
         hand_over(&self.to_file, &self.lost, kind, Captured::Sample { kind, sample, at_ns: now_ns(), is_drawn });
     }
 
-    /// Fetches a scene, once a file: of those in the files before, the writer has the last few at hand and no others.
-    fn fetch(&mut self, scene_id: String) {
+    /// Fetches a scene from a cell, the recorded one where none is named, once a file: of those in the files before, the writer has the last few at hand
+    /// and no others.
+    fn fetch(&mut self, scene_id: String, cell: Option<String>) {
         let file = self.turns.load(Ordering::Relaxed);
         let before = self.asked_for.lock().unwrap_or_else(PoisonError::into_inner).again(&scene_id, file);
         if before.is_some() {
@@ -319,12 +321,12 @@ impl Capture {
         if before == Some(file) {
             return;
         }
-        let (perception, to_file, asked_for) = (self.perception.clone(), self.to_file.clone(), self.asked_for.clone());
+        let (perceptions, to_file, asked_for) = (self.perceptions.clone(), self.to_file.clone(), self.asked_for.clone());
         let options = CallOptions { cancel: self.late.clone(), ..CallOptions::within(SCENE_WITHIN) };
         tokio::spawn(async move {
             // As it is read again: not packed.
             let request = SceneRequest::new(scene_id.clone());
-            let fetched = fetch_scene_payload(&perception, &request, &options).await;
+            let fetched = async { fetch_scene_payload(&perceptions.in_cell(cell.as_deref()).await?, &request, &options).await }.await;
             let mut asked_for = asked_for.lock().unwrap_or_else(PoisonError::into_inner);
             match fetched {
                 Ok(payload) => {

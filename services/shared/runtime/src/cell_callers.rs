@@ -30,7 +30,15 @@ impl CellCallers {
     /// # Errors
     /// When the network refuses.
     pub async fn of(&self, call: &Call) -> Result<Caller, CallError> {
-        let cell = call.cell.as_deref().unwrap_or(self.session.cell().name());
+        self.in_cell(call.cell.as_deref()).await
+    }
+
+    /// The caller in a cell of that name; none is the session's own.
+    ///
+    /// # Errors
+    /// When the network refuses, or the name is none.
+    pub async fn in_cell(&self, cell: Option<&str>) -> Result<Caller, CallError> {
+        let cell = cell.unwrap_or(self.session.cell().name());
         let caller = {
             let mut callers = self.callers.lock().unwrap_or_else(PoisonError::into_inner);
             callers.get_or_insert(cell.to_owned(), Arc::default).clone()

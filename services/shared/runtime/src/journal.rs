@@ -13,6 +13,7 @@ use tokio::sync::{Notify, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
 use crate::RuntimeError;
+use crate::shares::ForCell;
 use crate::transport::{AliveWatch, Traffic, Transport};
 
 /// How long a copy may wait for others to go with. Longer: fewer threads woken, and more lost with a worker that is killed.
@@ -79,13 +80,14 @@ impl Journal {
         self.is_on.load(Ordering::Acquire)
     }
 
-    /// Puts a copy in line; never waits.
-    pub(crate) fn copy(&self, kind: JournalKind, attachment: &[u8], payload: &Payload) {
+    /// Puts a copy in line; never waits. `cell` is the one that a call is for, where that is another than the worker's.
+    pub(crate) fn copy(&self, kind: JournalKind, cell: ForCell, attachment: &[u8], payload: &Payload) {
         let (stamp_ns, attachment) = (now_ns(), String::from_utf8_lossy(attachment).into_owned());
         let bytes = payload.bytes.len();
         let had = self.waiting_bytes.fetch_add(bytes, Ordering::AcqRel);
         let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
-        let entry = JournalEntry { seq: line.next_seq, stamp_ns, kind, attachment, payload: payload.clone() };
+        let cell = cell.as_deref().map(str::to_owned);
+        let entry = JournalEntry { seq: line.next_seq, stamp_ns, kind, cell, attachment, payload: payload.clone() };
         line.next_seq += 1;
         let has_room = had + bytes <= MAX_WAITING_BYTES && line.waiting.try_send(entry).is_ok();
         drop(line);
@@ -178,7 +180,7 @@ mod tests {
         let payload = Payload { encoding: String::new(), bytes: vec![7; 64].into() };
         std::thread::scope(|scope| {
             for _ in 0..8 {
-                scope.spawn(|| (0..MAX_WAITING / 16).for_each(|_| journal.copy(JournalKind::Call, b"{}", &payload)));
+                scope.spawn(|| (0..MAX_WAITING / 16).for_each(|_| journal.copy(JournalKind::Call, None, b"{}", &payload)));
             }
         });
         for seq in 0..MAX_WAITING as u64 / 2 {
@@ -191,7 +193,7 @@ mod tests {
     async fn a_copy_without_room_is_missing_in_the_numbers() {
         let (journal, Waiting { mut entries, .. }) = Journal::new();
         let copy =
-            |bytes: usize| journal.copy(JournalKind::Call, b"{}", &Payload { encoding: String::new(), bytes: vec![0; bytes].into() });
+            |bytes: usize| journal.copy(JournalKind::Call, None, b"{}", &Payload { encoding: String::new(), bytes: vec![0; bytes].into() });
         copy(1);
         copy(MAX_WAITING_BYTES);
         copy(1);
@@ -201,7 +203,7 @@ mod tests {
     async fn copies_go_together_some_time_after_the_first_and_at_once_where_somebody_waits_or_they_are_large() {
         let (journal, mut waiting) = Journal::new();
         let copy =
-            |bytes: usize| journal.copy(JournalKind::Call, b"{}", &Payload { encoding: String::new(), bytes: vec![0; bytes].into() });
+            |bytes: usize| journal.copy(JournalKind::Call, None, b"{}", &Payload { encoding: String::new(), bytes: vec![0; bytes].into() });
         let numbers = |together: &[JournalEntry]| together.iter().map(|entry| entry.seq).collect::<Vec<_>>();
         copy(1);
         copy(1);

@@ -316,7 +316,7 @@ impl Caller {
 
     /// Calls with a request that names a scene by its id. A worker that lacks the scene is sent it whole, where it is at hand, within what is
     /// left of the deadline. `encode` makes the request by id of `None`, and with the scene enclosed of `Some`; [`Payload::with_scene`] does
-    /// so for any JSON request.
+    /// so for any JSON request. Not for what is carried out at most once under an id of the caller's: the second request would not be the first.
     ///
     /// # Errors
     /// Those of [`Caller::call`]; `not_found` on `scene_id` when nobody holds the scene and it is not at hand.

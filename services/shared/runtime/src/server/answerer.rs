@@ -21,7 +21,7 @@ impl Answerer {
     async fn send(&self, payload: Payload, attachment: &ReplyAttachment) {
         let encoded = Bytes::from(attachment.encode());
         if let Some(journal) = &self.journal {
-            journal.copy(JournalKind::Reply, &encoded, &payload);
+            journal.copy(JournalKind::Reply, None, &encoded, &payload);
         }
         // The caller sees a stream that ends, and calls again or not.
         if let Err(error) = self.replier.reply(payload, encoded).await {
