@@ -146,6 +146,8 @@ impl Connection {
             match (service, method.as_str()) {
                 // What was seen anew, and not only where it is not held.
                 (Service::Motion, "plan") => caller.plan_with_scene(scene.as_deref(), encode, options).await,
+                // What is carried out at most once is asked once, with the scene: asked by its id first it would be another request under the same id.
+                _ if !idempotent && scene.is_some() => caller.call(&method, encode(scene.as_deref())?, options).await,
                 _ => caller.call_with_scene(&method, scene.as_deref(), encode, options).await,
             }
         };

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -390,6 +391,16 @@ def test_a_motion_is_carried_out_with_its_phases(client):
     client.recover("open")
     client.recover("retreat")
     assert client.recover("home").outcome == "done"
+
+
+def test_an_arm_comes_home_beside_a_scene_that_nobody_else_holds(client):
+    data = bytearray(client.scene().to_bytes())
+    begin = 8 + int.from_bytes(data[:8], "little")
+    data[begin + json.loads(data[8:begin])["colors"]["data_offsets"][0]] ^= 1
+    unknown = repose.Scene.from_bytes(bytes(data))
+    with pytest.raises(repose.NotFound):
+        client.scene(unknown.id)
+    assert client.recover("home", scene=unknown).outcome == "done"
 
 
 def test_the_script_prints_a_result(system, scene, wish):
