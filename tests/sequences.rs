@@ -3,10 +3,13 @@
 mod common;
 
 use std::process::Output;
+use std::time::Duration;
 
 use common::{Deployment, newest_scene};
-use repose_proto::Service;
-use serde_json::Value;
+use repose_proto::robot::RobotState;
+use repose_proto::{Payload, Service};
+use repose_runtime::Traffic;
+use serde_json::{Value, json};
 
 async fn place(deployment: &Deployment, arguments: &[&str]) -> (Output, Value) {
     run(deployment, &["place"], arguments).await
@@ -68,4 +71,20 @@ async fn each_wish_is_planned_on_what_the_one_before_has_left() {
     assert!(reset.status.success() && reply["was_stopped"] == true, "{reply}");
     let (_, state) = run(&deployment, &["robot", "state"], &[]).await;
     assert!(state["stop"].is_null() && state["q_rad"].as_array().is_some_and(|q| q.len() == 7), "{state}");
+
+    // A stop that does not clear is no fault of what was asked: somebody presses the button still.
+    let mut pressed = state;
+    (pressed["mode"], pressed["world_from_base"]) = (json!("stopped"), Value::Null);
+    pressed["stop"] = json!({"kind": "user_stop", "reason": "the user stop is pressed", "estop_id": null});
+    let pressed: RobotState = serde_json::from_value(pressed).expect("a state");
+    let told = session.cell().robot_state("pressed");
+    let telling = tokio::spawn(async move {
+        loop {
+            session.put(&told, Payload::json(&pressed).expect("a payload"), Traffic::RobotState).await.expect("it is put");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    });
+    let (unready, document) = run(&deployment, &["robot", "reset"], &["--robot", "pressed"]).await;
+    assert_eq!(unready.status.code(), Some(1), "{document}");
+    telling.abort();
 }

@@ -83,7 +83,7 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> CommandResu
             // What is cleared is the stop that is told here, and none that latches meanwhile.
             let stop = client::robot_state(session, robot, within).await?.stop;
             let request = Payload::json(&RobotResetRequest { robot: robot.clone(), stop: stop.clone() })?;
-            let reply = motion.call("reset", request, CallOptions::at_most_once(within)).await?;
+            let reply = motion.call("reset", request, CallOptions::at_most_once(within)).await.map_err(of_motion)?;
             let reply: RobotResetReply = reply.payload.decode_json()?;
             let was = stop.map_or_else(String::new, |stop| format!("; it was stopped: {} ({})", stop.reason, stop.kind));
             output.print(&reply, || if reply.was_stopped { format!("{robot} may go on{was}") } else { format!("{robot} was not stopped") })
@@ -148,5 +148,5 @@ async fn newest_scene(args: &RobotArgs, session: &Session) -> Result<IdentifiedS
         Err(failure) => failure.into_error().message,
     };
     let message = format!("no scene of camera {camera} to check the path against ({why}); nothing has moved. --unchecked goes without");
-    Err(CallError::precondition(message).at("camera").into())
+    Err(of_motion(CallError::precondition(message).at("camera")))
 }
