@@ -13,7 +13,6 @@ use tokio::sync::{Notify, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
 use crate::RuntimeError;
-use crate::shares::ForCell;
 use crate::transport::{AliveWatch, Traffic, Transport};
 
 /// How long a copy may wait for others to go with. Longer: fewer threads woken, and more lost with a worker that is killed.
@@ -81,12 +80,12 @@ impl Journal {
     }
 
     /// Puts a copy in line; never waits. `cell` is the one that a call is for, where that is another than the worker's.
-    pub(crate) fn copy(&self, kind: JournalKind, cell: ForCell, attachment: &[u8], payload: &Payload) {
+    pub(crate) fn copy(&self, kind: JournalKind, cell: Option<&str>, attachment: &[u8], payload: &Payload) {
         let (stamp_ns, attachment) = (now_ns(), String::from_utf8_lossy(attachment).into_owned());
         let bytes = payload.bytes.len();
         let had = self.waiting_bytes.fetch_add(bytes, Ordering::AcqRel);
         let mut line = self.line.lock().unwrap_or_else(PoisonError::into_inner);
-        let cell = cell.as_deref().map(str::to_owned);
+        let cell = cell.map(str::to_owned);
         let entry = JournalEntry { seq: line.next_seq, stamp_ns, kind, cell, attachment, payload: payload.clone() };
         line.next_seq += 1;
         let has_room = had + bytes <= MAX_WAITING_BYTES && line.waiting.try_send(entry).is_ok();

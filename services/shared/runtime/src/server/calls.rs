@@ -62,7 +62,7 @@ pub(super) async fn answer(shared: Arc<Shared>, query: IncomingQuery, call_key: 
     let journal = Some(&shared.journal).filter(|journal| journal.is_on() && shared.service.journals(&call.method)).cloned();
     if let Some(journal) = &journal {
         let cell = call_key.cell(&key, &shared.cell).ok().flatten();
-        journal.copy(JournalKind::Call, cell, &attachment, &payload);
+        journal.copy(JournalKind::Call, cell.as_deref(), &attachment, &payload);
     }
     let answerer = Answerer { replier, attachment: reply, journal };
     let deadline = received + Duration::from_millis(call.remaining_ms);
