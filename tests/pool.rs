@@ -2,14 +2,12 @@
 
 mod common;
 
-use std::collections::BTreeSet;
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use common::{PATIENCE, Process, Refusal, assert_refused_within, newest_scene, repose, run};
-use repose_proto::load::WorkerLoad;
+use common::{PATIENCE, Process, Refusal, assert_refused_within, copy_their_calls, newest_scene, repose, run};
 use repose_proto::place::{Budget, Variant};
 use repose_proto::{ErrorCode, GoalTerm, PlaceRequest, Relation, SceneSummary, Service};
 use repose_recorder::calls::Calls;
@@ -78,16 +76,7 @@ async fn recording_the_pool(endpoint: &str, session: &Session, file: &Path) -> P
     let mut command = repose();
     command.args(["--json", "record", "--cell", "rack", "--connect", endpoint, "--out"]).arg(file).stdout(Stdio::null());
     let recorder = Process(command.spawn().expect("the recorder"));
-    let mut copying = BTreeSet::new();
-    let both = async {
-        while copying.len() < 2 {
-            let sample = loads.recv().await.expect("a load");
-            if sample.payload.decode_json::<WorkerLoad>().expect("a load").journals {
-                copying.insert(sample.key);
-            }
-        }
-    };
-    tokio::time::timeout(PATIENCE, both).await.expect("the pool's workers copy their calls");
+    copy_their_calls(&mut loads, 2).await;
     recorder
 }
 

@@ -7,9 +7,8 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-use common::{Deployment, PATIENCE, Process, newest_scene, repose, whole_scene};
+use common::{Deployment, PATIENCE, Process, copy_their_calls, newest_scene, repose, whole_scene};
 use repose_proto::arrange::ObjectGoal;
-use repose_proto::load::WorkerLoad;
 use repose_proto::place::Variant;
 use repose_proto::{ArrangeRequest, GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service, keys};
 use repose_recorder::calls::Calls;
@@ -30,16 +29,7 @@ async fn recording(deployment: &Deployment, session: &Session, out: &Path, worke
     let mut command = repose();
     command.args(["--json", "record", "--connect", deployment.endpoint(), "--frame-period-ms", "1000", "--out"]).arg(out);
     let process = Process(command.stdout(Stdio::piped()).spawn().expect("the recorder"));
-    let mut copying = BTreeSet::new();
-    let all = async {
-        while copying.len() < workers {
-            let sample = loads.recv().await.expect("a load");
-            if sample.payload.decode_json::<WorkerLoad>().expect("a load").journals {
-                copying.insert(sample.key);
-            }
-        }
-    };
-    tokio::time::timeout(PATIENCE, all).await.expect("all workers copy their calls");
+    copy_their_calls(&mut loads, workers).await;
     process
 }
 

@@ -3,13 +3,15 @@
 
 pub mod link;
 
+use std::collections::BTreeSet;
 use std::net::TcpListener;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use repose_proto::load::WorkerLoad;
 use repose_proto::perception::LatestRequest;
 use repose_proto::{Message, Payload, Scene, SceneSummary, Service};
-use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode, fetch_scene};
+use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode, Subscription, fetch_scene};
 use serde_json::Value;
 
 /// How long anything here may take before the test gives up.
@@ -204,6 +206,20 @@ impl Deployment {
         }
         Session::open(config).await.expect("a session")
     }
+}
+
+/// Waits until so many workers copy their calls for whoever records, by the loads that they tell.
+pub async fn copy_their_calls(loads: &mut Subscription, workers: usize) {
+    let mut copying = BTreeSet::new();
+    let all = async {
+        while copying.len() < workers {
+            let sample = loads.recv().await.expect("a load");
+            if sample.payload.decode_json::<WorkerLoad>().expect("a load").journals {
+                copying.insert(sample.key);
+            }
+        }
+    };
+    tokio::time::timeout(PATIENCE, all).await.expect("all workers copy their calls");
 }
 
 /// The newest scene of the simulated camera, as soon as there is one.
