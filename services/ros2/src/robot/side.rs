@@ -6,7 +6,8 @@
 //! counts as started when the controller accepts, and as arrived when the controller says so. A controller that refuses, aborts or falls silent
 //! latches a stop, the arm's and the hand's alike, and so does the start of this process. A stop, whoever latches it, cancels every goal that is not
 //! known to have ended, again and again until each has, and is not cleared before the arm's have; the hand's goal too, unless something is between the
-//! fingers, and also after the stop: a hand's controller that is gone does not keep the arm stopped. What processes before this one left is such a goal. Then the arm stands where its joints are measured.
+//! fingers, and also after the stop: a hand's controller that is gone does not keep the arm stopped. What processes before this one left is such a
+//! goal. Then the arm stands where its joints are measured.
 //!
 //! Pure: events and time come in, what is to be done goes out.
 

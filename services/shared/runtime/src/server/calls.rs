@@ -60,13 +60,13 @@ pub(super) async fn answer(shared: Arc<Shared>, query: IncomingQuery, call_key: 
     reply.id.clone_from(&call.id);
     reply.attempt = Some(call.attempt);
     let journal = Some(&shared.journal).filter(|journal| journal.is_on() && shared.service.journals(&call.method)).cloned();
+    let cell = call_key.cell(&key, &shared.cell);
     if let Some(journal) = &journal {
-        let cell = call_key.cell(&key, &shared.cell).ok().flatten();
-        journal.copy(JournalKind::Call, cell.as_deref(), &attachment, &payload);
+        journal.copy(JournalKind::Call, cell.as_ref().ok().and_then(Option::as_deref), &attachment, &payload);
     }
     let answerer = Answerer { replier, attachment: reply, journal };
     let deadline = received + Duration::from_millis(call.remaining_ms);
-    let entered = shared.may_enter(call_key, &call.method).and_then(|()| call_key.cell(&key, &shared.cell));
+    let entered = shared.may_enter(call_key, &call.method).and(cell);
     let cell = match entered {
         Ok(cell) => cell,
         Err(error) => return answerer.finish(Err(error), BTreeMap::new()).await,
