@@ -4,7 +4,8 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3};
+use repose_geometry::transform::tilt;
 
 use crate::contact::{FAR_M, PlacedParts};
 use crate::objects::ObjectShape;
@@ -34,7 +35,7 @@ impl Default for ReleaseSettings {
 pub struct ReleaseOutcome {
     /// How far the object's centre moved, metres.
     pub moved_m: f64,
-    /// How far its own up axis turned away from where it pointed, radians.
+    /// How far it tipped, radians; a turn about the vertical is none.
     pub tilt_rad: f64,
     /// How deep it overlapped something at the start, metres.
     pub penetration_m: f32,
@@ -59,10 +60,9 @@ pub fn released(
     world.run(settings.steps, settings.ends_at_rest.then(RestSettings::default).as_ref());
     let end = world.poses();
     let moved = |i: usize| (end[i].translation.vector - start[i].translation.vector).norm();
-    let up = |pose: &Isometry3<f64>| pose.rotation * Vector3::z();
     Some(ReleaseOutcome {
         moved_m: moved(index),
-        tilt_rad: up(&start[index]).angle(&up(&end[index])),
+        tilt_rad: tilt(&start[index], &end[index]),
         penetration_m,
         others_moved_m: (0..end.len()).filter(|&i| i != index).map(moved).fold(0.0, f64::max),
         world_from_objects: end,

@@ -2,6 +2,7 @@
 //! held first shifts in the hand. It explains a failure; it decides none.
 
 use nalgebra::{Isometry3, Vector3};
+use repose_geometry::transform::tilt;
 use repose_panda::base_from_hand;
 use repose_proto::motion::Phase;
 use repose_simulator::cell_world::CellWorld;
@@ -41,6 +42,8 @@ pub struct Incident {
 pub struct CarryWatch {
     query: usize,
     phase: Phase,
+    /// How it stood before the plan began.
+    stood: Option<Isometry3<f64>>,
     /// The object's pose in the hand and its height (metres) when the fingers had closed.
     grasped: Option<(Isometry3<f64>, f64)>,
     /// Its pose in the hand when the lift and when the lowering had ended.
@@ -61,13 +64,23 @@ const SLIPPED: (f64, f64) = (0.008, 0.1);
 impl CarryWatch {
     /// A watch over the scene's object number `query`.
     pub fn new(query: usize) -> Self {
-        Self { query, phase: Phase::Standoff, grasped: None, lifted: None, lowered: None, slipped: false, incidents: Vec::new() }
+        Self {
+            query,
+            phase: Phase::Standoff,
+            stood: None,
+            grasped: None,
+            lifted: None,
+            lowered: None,
+            slipped: false,
+            incidents: Vec::new(),
+        }
     }
 
     /// The plan has come to a phase.
     pub fn begins(&mut self, phase: Phase, cell: &CellWorld) {
         self.phase = phase;
         let pose = cell.world_from_objects()[self.query];
+        let stood = *self.stood.get_or_insert(pose);
         let in_hand = base_from_hand(cell.arm.q_rad()).inverse() * pose;
         match phase {
             Phase::Lift => self.grasped = Some((in_hand, pose.translation.z)),
@@ -76,8 +89,7 @@ impl CarryWatch {
             _ => {}
         }
         if matches!(phase, Phase::Lift | Phase::Release) {
-            // In these scenes everything stands upright in its own frame.
-            let leans_rad = (cell.world_from_objects()[self.query].rotation * Vector3::z()).angle(&Vector3::z());
+            let leans_rad = tilt(&stood, &pose);
             if leans_rad > LEANS_RAD {
                 self.note(cell, format!("the object leans by {leans_rad:.2} rad"));
             }

@@ -60,6 +60,13 @@ pub fn placed_from_observed(centroid: &Point3<f64>, target: &Point3<f64>, yaw_ra
     Isometry3::from_parts(Translation3::from(target.coords - rotation * centroid.coords), rotation)
 }
 
+/// How far a body has tipped between two poses, radians from 0 to π: the angle between the directions that were up to it. A turn about the vertical is none,
+/// however the body lies.
+pub fn tilt(world_from_before: &Isometry3<f64>, world_from_after: &Isometry3<f64>) -> f64 {
+    let up = |pose: &Isometry3<f64>| pose.rotation.inverse() * Vector3::z();
+    up(world_from_before).angle(&up(world_from_after))
+}
+
 /// The yaw of a transform: the turn about z of its rotation's swing–twist split, radians in (−π, π].
 pub fn yaw_of(to_from: &Isometry3<f64>) -> f64 {
     let q = to_from.rotation.quaternion();
@@ -105,6 +112,18 @@ mod tests {
             prop_assert!((motion * centroid - target).norm() < 1e-12);
             prop_assert!(wrap_angle(yaw_of(&motion) - yaw).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn what_rolls_over_tips_and_what_turns_about_the_vertical_does_not_however_it_lies() {
+        let turn = |axis: Vector3<f64>, angle: f64| Isometry3::rotation(axis * angle);
+        let lies = turn(Vector3::x(), std::f64::consts::FRAC_PI_2);
+        for stands in [Isometry3::identity(), lies] {
+            assert!(tilt(&stands, &(turn(Vector3::z(), 0.5) * stands)) < 1e-9);
+            assert!((tilt(&stands, &(turn(Vector3::y(), 0.5) * stands)) - 0.5).abs() < 1e-9);
+        }
+        // About its own axis, which is level.
+        assert!((tilt(&lies, &(lies * turn(Vector3::z(), 1.5))) - 1.5).abs() < 1e-9);
     }
 
     #[test]
