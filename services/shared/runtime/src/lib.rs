@@ -52,6 +52,7 @@
 //! # }
 //! ```
 
+mod alive;
 mod attempt;
 mod call;
 mod call_key;

@@ -22,6 +22,7 @@ use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::SampleKind;
 
 use crate::RuntimeError;
+use crate::alive::Told;
 use crate::config::{SessionConfig, SessionMode};
 use crate::diagnosis::Credentials;
 use crate::frame_link::FrameLink;
@@ -136,7 +137,7 @@ fn delivery_of(traffic: Traffic) -> Delivery {
         Traffic::Frame => (Urgency::DataLow, CongestionControl::BlockFirst, false),
         Traffic::Scene => (Urgency::DataHigh, CongestionControl::Block, false),
         Traffic::Call(priority) => (urgency_of(priority), CongestionControl::Block, false),
-        Traffic::Journal => (Urgency::Data, CongestionControl::Block, false),
+        Traffic::Journal => (Urgency::Data, CongestionControl::Drop, false),
         Traffic::Load => (Urgency::Background, CongestionControl::Drop, false),
     };
     Delivery { priority, congestion, is_express }
@@ -299,28 +300,46 @@ impl Transport for ZenohTransport {
 
     async fn watch_alive(&self, key: &str) -> Result<AliveWatch, RuntimeError> {
         let refused = |e| RuntimeError::transport(format!("watching {key}"), e);
-        let (sender, keys) = watch::channel(BTreeSet::new());
-        let subscriber = self
-            .session
-            .liveliness()
-            .declare_subscriber(key.to_owned())
-            .history(true)
-            .callback(move |sample| {
-                let key = sample.key_expr().to_string();
-                sender.send_modify(|keys: &mut BTreeSet<String>| {
-                    match sample.kind() {
-                        SampleKind::Put => keys.insert(key),
-                        SampleKind::Delete => keys.remove(&key),
-                    };
-                });
-            })
-            .await
-            .map_err(refused)?;
-        // The history says nothing when it is complete; a query behind it on the same path does, by ending.
-        let (marker, mut end) = mailbox::<()>(1);
-        let history = self.session.liveliness().get(key.to_owned()).timeout(HISTORY_TIMEOUT).callback(move |_| marker.push(()));
+        let (sender, mut keys) = watch::channel(BTreeSet::new());
+        let told = Arc::new(Mutex::new(Told::default()));
+        let hears = told.clone();
+        let subscriber = self.session.liveliness().declare_subscriber(key.to_owned()).history(true).callback(move |sample| {
+            let key = sample.key_expr().to_string();
+            sender.send_modify(|keys: &mut BTreeSet<String>| {
+                let mut told = hears.lock().unwrap_or_else(PoisonError::into_inner);
+                match sample.kind() {
+                    SampleKind::Put if told.came(&key) => keys.insert(key),
+                    SampleKind::Put => false,
+                    SampleKind::Delete => {
+                        told.went(&key);
+                        keys.remove(&key)
+                    }
+                };
+            });
+        });
+        let subscriber = subscriber.await.map_err(refused)?;
+        // The history says nothing when it is complete; a query behind it on the same path tells which there are.
+        let (there, mut replies) = tokio::sync::mpsc::unbounded_channel();
+        let history = self.session.liveliness().get(key.to_owned()).timeout(HISTORY_TIMEOUT).callback(move |reply| {
+            if let Ok(sample) = reply.result() {
+                // Whoever asked has gone.
+                let _gone = there.send(sample.key_expr().to_string());
+            }
+        });
         history.await.map_err(refused)?;
-        while end.recv().await.is_some() {}
+        let mut all = BTreeSet::new();
+        while let Some(key) = replies.recv().await {
+            all.insert(key);
+        }
+        let catch_up = |all: &BTreeSet<String>| told.lock().unwrap_or_else(PoisonError::into_inner).catch_up(all);
+        match tokio::time::timeout(HISTORY_TIMEOUT, keys.wait_for(|_| catch_up(&all))).await {
+            Ok(Ok(_)) => {}
+            Ok(Err(_)) => return Err(RuntimeError::transport(format!("watching {key}"), "the session has closed")),
+            Err(_) => {
+                tracing::warn!(key, "not all tokens were told in time");
+                catch_up(&BTreeSet::new());
+            }
+        }
         Ok(AliveWatch { keys, _declaration: Box::new(subscriber) })
     }
 
@@ -375,6 +394,13 @@ mod tests {
         assert!(blocked.await.unwrap());
         let _replies = transport.query(KEY, query("asked")).await.unwrap();
         assert_eq!(queries.next().await.map(|query| query.payload.bytes), Some(Bytes::from_static(b"asked")));
+    }
+
+    #[test]
+    fn what_cells_go_on_without_waits_for_no_room_on_a_link() {
+        for traffic in [Traffic::RobotCommand, Traffic::RobotState, Traffic::Journal, Traffic::Load] {
+            assert_eq!(delivery_of(traffic).congestion, CongestionControl::Drop, "{traffic:?}");
+        }
     }
 
     #[test]
