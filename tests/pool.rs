@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use common::{PATIENCE, Process, Refusal, assert_refused_within, copy_their_calls, newest_scene, repose, run};
 use repose_proto::place::{Budget, Variant};
 use repose_proto::{ErrorCode, GoalTerm, PlaceRequest, Relation, SceneSummary, Service};
-use repose_recorder::calls::Calls;
+use repose_recorder::calls::{Calls, scenes_of};
 use repose_recorder::replay::is_repeatable;
 use repose_runtime::{CallOptions, RuntimeConfig, Session, SessionMode};
 use serde_json::{Value, json};
@@ -84,8 +84,10 @@ async fn recording_the_pool(endpoint: &str, session: &Session, file: &Path) -> P
 async fn is_asked_again(mut recorder: Process, file: &Path, scene_ids: [&String; 2]) {
     recorder.signal(libc::SIGINT);
     assert!(recorder.0.wait().expect("its end").success());
-    let calls = Calls::read(&[file.to_owned()], is_repeatable).expect("a recording");
-    assert!(scene_ids.iter().all(|id| calls.scenes.contains_key(*id)), "{:?} of {scene_ids:?}", calls.scenes.keys());
+    let files = [file.to_owned()];
+    let calls = Calls::read(&files, is_repeatable).expect("a recording");
+    let scenes = scenes_of(&calls.asked, &files).expect("a recording");
+    assert!(scene_ids.iter().all(|id| scenes.contains_key(*id)), "{:?} of {scene_ids:?}", scenes.keys());
     let mut command = repose();
     command.args(["--json", "replay"]).arg(file);
     let output = tokio::task::spawn_blocking(move || command.output()).await.expect("no panic").expect("the program runs");

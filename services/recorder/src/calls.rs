@@ -1,4 +1,5 @@
-//! The calls in a recording: each with its answer, and the scenes that they are about.
+//! The calls in a recording, each with its answer; and the scenes that they are about, which are read when it is known which these are: a recording of
+//! hours has thousands, of which most are about nobody's request.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -6,6 +7,7 @@ use std::path::PathBuf;
 use repose_proto::{CallAttachment, JournalEntry, JournalKind, Payload, ReplyAttachment, ReplyKind, Scene, Service, keys};
 
 use crate::RecordingError;
+use crate::copies::CopyNumbers;
 use crate::file::SCENE_TOPIC;
 use crate::file::reading::{RecordedMessage, RecordingReader};
 
@@ -39,8 +41,6 @@ pub struct Calls {
     pub unanswered: u64,
     /// Copies that are missing between others: so many messages were lost.
     pub lost: u64,
-    /// Whole scenes by their ids, in bulk form.
-    pub scenes: BTreeMap<String, Payload>,
     /// Files that end early, and why.
     pub cut: Vec<(PathBuf, String)>,
 }
@@ -56,7 +56,7 @@ impl Calls {
         for file in files {
             let mut reading = RecordingReader::open(file)?;
             while let Some(recorded) = reading.next_message()? {
-                calls.take(recorded, &mut pending, &wanted);
+                calls.take(&recorded, &mut pending, &wanted);
             }
             calls.cut.extend(reading.cut().map(|reason| (file.clone(), reason.to_owned())));
         }
@@ -65,20 +65,11 @@ impl Calls {
         Ok(calls)
     }
 
-    fn take(&mut self, recorded: RecordedMessage, pending: &mut Pending, wanted: &impl Fn(Service, &str) -> bool) {
-        if keys::last_chunk(&recorded.topic) == SCENE_TOPIC {
-            // Its id is the hash of its content: whatever else is said of it counts for nothing.
-            if let Ok(scene) = recorded.payload.decode_bulk(Scene::SCHEMA).and_then(|bulk| Scene::from_bulk(&bulk)) {
-                self.scenes.insert(scene.id(), recorded.payload);
-            }
-            return;
-        }
+    fn take(&mut self, recorded: &RecordedMessage, pending: &mut Pending, wanted: &impl Fn(Service, &str) -> bool) {
         let Some((service, worker)) = keys::of_journal(&recorded.topic) else { return };
         let entry = recorded.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
         let Ok(entry) = entry else { return };
-        if let Some(expected) = pending.next.insert(recorded.topic.clone(), entry.seq.saturating_add(1)) {
-            self.lost += entry.seq.saturating_sub(expected);
-        }
+        self.lost += pending.copies.came(&recorded.topic, entry.seq);
         match entry.kind {
             JournalKind::Call => {
                 let Ok(call) = CallAttachment::decode(entry.attachment.as_bytes()) else { return };
@@ -115,15 +106,52 @@ struct Pending {
     open: BTreeMap<(String, String), Open>,
     /// Calls with a result.
     done: BTreeSet<String>,
-    /// The number that each journal's next copy must have.
-    next: BTreeMap<String, u64>,
+    copies: CopyNumbers,
+}
+
+/// Whole scenes by their ids, in bulk form.
+pub type RecordedScenes = BTreeMap<String, Payload>;
+
+/// Reads the scenes out of a recording's files that calls name by their ids, and no others.
+///
+/// # Errors
+/// When a file is no recording or cannot be read.
+pub fn scenes_of(asked: &[RecordedCall], files: &[PathBuf]) -> Result<RecordedScenes, RecordingError> {
+    let mut wanted: BTreeSet<String> = asked.iter().filter_map(|asked| scene_asked_about(&asked.request)).collect();
+    let mut scenes = RecordedScenes::new();
+    for file in files {
+        let mut reading = RecordingReader::open(file)?;
+        while !wanted.is_empty()
+            && let Some(recorded) = reading.next_message()?
+        {
+            if keys::last_chunk(&recorded.topic) != SCENE_TOPIC {
+                continue;
+            }
+            // Its id is the hash of its content: whatever else is said of it counts for nothing.
+            let read = recorded.payload.decode_bulk(Scene::SCHEMA).and_then(|bulk| Scene::from_bulk(&bulk));
+            if let Some(scene_id) = read.ok().and_then(|scene| wanted.take(&scene.id())) {
+                scenes.insert(scene_id, recorded.payload);
+            }
+        }
+    }
+    Ok(scenes)
+}
+
+/// The scene that a request names, where it does not enclose it.
+pub(crate) fn scene_asked_about(request: &Payload) -> Option<String> {
+    if request.is_bulk() {
+        return None;
+    }
+    let request: serde_json::Value = serde_json::from_slice(&request.bytes).ok()?;
+    Some(request.get("scene")?.get("scene_id")?.as_str()?.to_owned())
 }
 
 #[cfg(test)]
 mod tests {
-    use repose_proto::{CallError, Cell, limits};
+    use repose_proto::{Bulk, CallError, Cell, limits};
 
     use super::*;
+    use crate::file::writing::PartWriter;
 
     const METHOD: &str = "place";
 
@@ -166,7 +194,7 @@ mod tests {
         ];
         let (mut calls, mut pending) = (Calls::default(), Pending::default());
         for recorded in heard {
-            calls.take(recorded, &mut pending, &|service: Service, method: &str| service == Service::Planner && method == METHOD);
+            calls.take(&recorded, &mut pending, &|service: Service, method: &str| service == Service::Planner && method == METHOD);
         }
         let mut asked: Vec<_> = calls.asked.iter().map(|a| (a.id.as_str(), &a.request.bytes[..], &a.result.bytes[..])).collect();
         asked.sort();
@@ -174,5 +202,32 @@ mod tests {
         assert_eq!(asked, expected);
         assert_eq!((calls.lost, calls.errors), (1, BTreeMap::from([("not_found".to_owned(), 1)])), "number 10 of b is missing");
         assert_eq!(pending.open.len(), 1);
+    }
+
+    #[test]
+    fn of_a_hundred_scenes_the_one_that_a_call_is_about_is_kept() {
+        let golden = include_bytes!("../../../proto/tests/golden/Scene.v1.safetensors");
+        let golden = Scene::from_bulk(&Bulk::decode(golden).expect("bulk")).expect("a scene");
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("run.mcap");
+        let mut writer = PartWriter::create(&file, BTreeMap::new()).expect("a file");
+        let mut scenes = Vec::new();
+        for k in 0..100u64 {
+            let mut scene = golden.clone();
+            scene.points[0][0] += k as f32 * 1e-3;
+            let payload = Payload::bulk(Scene::SCHEMA, &scene.to_bulk()).expect("small");
+            writer.wire(&format!("repose/v1/lab/{SCENE_TOPIC}"), &payload, k).expect("written");
+            scenes.push((scene.id(), payload));
+        }
+        let request = format!(r#"{{"scene":{{"scene_id":"{}"}}}}"#, scenes[42].0);
+        for heard in [call("a", 0, "one", &request), reply("a", 1, "one", "result", json("I"))] {
+            writer.wire(&heard.topic, &heard.payload, heard.at_ns).expect("written");
+        }
+        writer.finish(BTreeMap::new()).expect("written");
+        let files = [file];
+        let calls = Calls::read(&files, |_, _| true).expect("a recording");
+        assert_eq!(calls.asked.len(), 1);
+        assert_eq!(scenes_of(&calls.asked, &files).expect("a recording"), BTreeMap::from([scenes.swap_remove(42)]));
+        assert_eq!(scenes_of(&[], &files).expect("a recording"), RecordedScenes::new());
     }
 }

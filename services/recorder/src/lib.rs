@@ -7,11 +7,15 @@
 //! [`file`](mod@file) is the container, [`look`] what is drawn, [`calls`] the calls in a recording, [`difference`] two answers side by side; none of them knows the
 //! network.
 
+mod asked_for;
 pub mod calls;
+mod copies;
 pub mod difference;
 pub mod file;
+mod heard;
 pub mod look;
 mod lost;
+mod outages;
 pub mod play;
 pub mod record;
 pub mod replay;

@@ -10,29 +10,34 @@ use std::time::Duration;
 
 use repose_proto::load::WorkerLoad;
 use repose_proto::perception::SceneRequest;
-use repose_proto::{ErrorCode, JournalEntry, JournalKind, Payload, SceneSummary, Service, keys};
+use repose_proto::{ErrorCode, JournalEntry, JournalKind, SceneSummary, Service, keys};
 use repose_runtime::{
-    COPIES_WAIT, CallOptions, CancellationToken, CellCallers, SCENE_WITHIN, Sample, Session, Shutdown, Subscription, fetch_scene_payload,
-    now_ns, yield_to_messages,
+    COPIES_WAIT, CallOptions, CancellationToken, CellCallers, SCENE_WITHIN, Sample, Session, Shutdown, fetch_scene_payload, now_ns,
+    yield_to_messages,
 };
 use tokio::runtime::Handle;
 use tokio::sync::{mpsc, oneshot};
-use tokio::time::Instant;
+use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::RecordingError;
+use crate::asked_for::AskedFor;
+use crate::calls::scene_asked_about;
+use crate::copies::CopyNumbers;
 use crate::file::parts::RecordingFiles;
+use crate::heard::{Heard, Message};
 use crate::lost::LostMessages;
+use crate::outages::Outages;
 use crate::settings::RecordSettings;
 use crate::writer::{Captured, Summary, Writer};
 
-/// Messages of each kind that may wait to be taken.
-const WAITING: usize = 4096;
-/// Pictures that may: they are large.
-const PICTURES: usize = 16;
 /// Messages that may wait for the file.
 const FOR_FILE: usize = 1024;
 /// How long scenes that are on their way may still take when the recording has ended.
 const LAST_SCENES: Duration = Duration::from_secs(5);
+/// Loads of workers that may wait to be taken before a recording begins.
+const LOADS: usize = 4096;
+/// How often the connection is looked at; what comes and goes between is seen by its number.
+const LOOK: Duration = Duration::from_millis(200);
 /// How long workers may take to begin their journals before it is said who has not.
 const JOURNALS_WITHIN: Duration = Duration::from_secs(2);
 
@@ -57,33 +62,18 @@ pub async fn record(
     let (chunk_period, looks) = (settings.chunk_period, settings.looks);
     let topic = format!("repose/v1/{}/{}", cell.name(), crate::file::SCENE_TOPIC);
     let lost = LostMessages::default();
-    let turns = Arc::<AtomicUsize>::default();
-    let writer = Writer::new(parts, topic, looks, lost.clone(), turns.clone());
+    let mut capture = Capture::of(session, settings, to_file, lost.clone());
+    let late = capture.late.clone();
+    let writer = Writer::new(parts, topic, looks, lost.clone(), capture.turns.clone());
     let mut writing = begin_writing(writer, captured, chunk_period);
 
-    let subscribe = async |key: String, room: usize| session.subscribe_queue(&key, room).await;
-    let mut heard = Heard {
-        frames: subscribe(cell.camera_frames(), PICTURES).await?,
-        scenes: subscribe(cell.scenes(), WAITING).await?,
-        states: subscribe(cell.robot_states(), WAITING).await?,
-        stops: subscribe(cell.robot_estops(), WAITING).await?,
-        journals: subscribe(cell.journals(), WAITING).await?,
-    };
-    let late = CancellationToken::new();
-    let mut capture = Capture {
-        perceptions: Arc::new(CellCallers::new(session.clone(), Service::Perception)),
-        to_file,
-        settings,
-        lost: lost.clone(),
-        frame_due: BTreeMap::new(),
-        picture_due: BTreeMap::new(),
-        scene_due: BTreeMap::new(),
-        asked_for: Arc::new(Mutex::new(AskedFor::counting(lost.clone()))),
-        turns,
-        late: late.clone(),
-    };
+    let connection = || session.transport().connection();
+    let mut outages = Outages::after(connection(), now_ns(), lost.clone());
+    let mut heard = Heard::of(session).await?;
     let mut recorder = Some(session.transport().declare_alive(&cell.live_recorder(&uuid::Uuid::new_v4().to_string())).await?);
     begun(&silent(session).await?);
+    let mut look = tokio::time::interval(LOOK);
+    look.set_missed_tick_behavior(MissedTickBehavior::Delay);
     // After the shutdown: until when the copies made before it are waited for.
     let mut last = None;
     let early = loop {
@@ -95,6 +85,7 @@ pub async fn record(
             },
             // The file failed: nothing can be recorded any more.
             written = &mut writing => break Some(written),
+            _ = look.tick() => outages.look(connection(), now_ns()),
             () = shutdown.requested(), if last.is_none() => {
                 recorder = None;
                 last = Some(Instant::now() + 2 * COPIES_WAIT);
@@ -103,7 +94,8 @@ pub async fn record(
         }
     };
     drop(recorder);
-    heard.count_dropped(&lost);
+    outages.finish(connection(), now_ns());
+    heard.count_dropped(&lost, capture.copies.missing());
     // The last sender, but for the scenes on their way: the writer ends its file when it has taken what waits.
     drop(capture);
     let written = match early {
@@ -151,7 +143,7 @@ async fn silent(session: &Session) -> Result<Vec<String>, RecordingError> {
     for service in Service::ALL.into_iter().filter(|service| session.pool().is_none() || !service.is_poolable()) {
         callers.push((service, session.caller(service).await?));
     }
-    let mut loads = session.subscribe_queue(&session.cell().all_loads(), WAITING).await?;
+    let mut loads = session.subscribe_queue(&session.cell().all_loads(), LOADS).await?;
     let mut journals = BTreeSet::new();
     let give_up = Instant::now() + JOURNALS_WITHIN;
     loop {
@@ -171,43 +163,6 @@ async fn silent(session: &Session) -> Result<Vec<String>, RecordingError> {
     }
 }
 
-/// What is put in a cell.
-struct Heard {
-    frames: Subscription,
-    scenes: Subscription,
-    states: Subscription,
-    stops: Subscription,
-    journals: Subscription,
-}
-
-/// A message by what it is.
-enum Message {
-    Frame(Sample),
-    Scene(Sample),
-    Other(&'static str, Sample),
-    Journal(Sample),
-}
-
-impl Heard {
-    async fn next(&mut self) -> Option<Message> {
-        tokio::select! {
-            frame = self.frames.recv() => frame.map(Message::Frame),
-            scene = self.scenes.recv() => scene.map(Message::Scene),
-            state = self.states.recv() => state.map(|state| Message::Other("states", state)),
-            stop = self.stops.recv() => stop.map(|stop| Message::Other("stops", stop)),
-            journal = self.journals.recv() => journal.map(Message::Journal),
-        }
-    }
-
-    /// Counts what came faster than it was taken.
-    fn count_dropped(&self, lost: &LostMessages) {
-        let Self { frames, scenes, states, stops, journals } = self;
-        for (kind, heard) in [("frames", frames), ("summaries", scenes), ("states", states), ("stops", stops), ("calls", journals)] {
-            lost.add(kind, heard.dropped());
-        }
-    }
-}
-
 /// Decides what is kept of what is heard, and fetches scenes.
 struct Capture {
     /// Those of the cells that calls are for: a pool has no perception, and the scenes that its planners are asked about are of others.
@@ -218,6 +173,7 @@ struct Capture {
     frame_due: BTreeMap<String, Instant>,
     picture_due: BTreeMap<String, Instant>,
     scene_due: BTreeMap<String, Instant>,
+    copies: CopyNumbers,
     asked_for: Arc<Mutex<AskedFor>>,
     /// How often the writer has turned to the next file.
     turns: Arc<AtomicUsize>,
@@ -225,57 +181,24 @@ struct Capture {
     late: CancellationToken,
 }
 
-/// Ids of scenes that are remembered as fetched, and as lost; then all are forgotten and may be fetched again.
-const REMEMBERED: usize = 4096;
-
-/// What is known of the scenes that are asked for.
-#[derive(Default)]
-struct AskedFor {
-    /// Scenes that were fetched already, or are being fetched, with the file that was open then.
-    files: BTreeMap<String, usize>,
-    /// Scenes that could not be fetched, and are counted as lost.
-    missing: BTreeSet<String>,
-    lost: LostMessages,
-}
-
-impl AskedFor {
-    /// Nothing yet; scenes that do not come are counted in `lost`.
-    fn counting(lost: LostMessages) -> Self {
-        Self { lost, ..Self::default() }
-    }
-
-    /// Takes note that somebody asks about a scene while a file is open; which file was, where somebody has before.
-    fn again(&mut self, scene_id: &str, file: usize) -> Option<usize> {
-        if self.files.len() >= REMEMBERED {
-            self.files.clear();
-        }
-        self.files.insert(scene_id.to_owned(), file)
-    }
-
-    /// Takes note that a scene has come: if it was lost before, it is not.
-    fn came(&mut self, scene_id: &str) {
-        if self.missing.remove(scene_id) {
-            self.lost.found("scenes");
-        }
-    }
-
-    /// Takes note that a scene could not be fetched: it is lost, and tried again when it is asked about next. One that nobody has is not lost here,
-    /// and stays noted: whoever asked about it may have sent it along, and then it is in the recording with the call.
-    fn failed(&mut self, scene_id: &str, code: ErrorCode) {
-        if code == ErrorCode::NotFound {
-            return;
-        }
-        self.files.remove(scene_id);
-        if self.missing.len() >= REMEMBERED {
-            self.missing.clear();
-        }
-        if self.missing.insert(scene_id.to_owned()) {
-            self.lost.add("scenes", 1);
-        }
-    }
-}
-
 impl Capture {
+    /// Of a session's cell; what finds no room on its way to the file is counted in `lost`.
+    fn of(session: &Session, settings: RecordSettings, to_file: mpsc::Sender<Captured>, lost: LostMessages) -> Self {
+        Self {
+            perceptions: Arc::new(CellCallers::new(session.clone(), Service::Perception)),
+            to_file,
+            settings,
+            frame_due: BTreeMap::new(),
+            picture_due: BTreeMap::new(),
+            scene_due: BTreeMap::new(),
+            copies: CopyNumbers::default(),
+            asked_for: Arc::new(Mutex::new(AskedFor::counting(lost.clone()))),
+            lost,
+            turns: Arc::default(),
+            late: CancellationToken::new(),
+        }
+    }
+
     fn take(&mut self, message: Message) {
         match message {
             Message::Frame(sample) => {
@@ -295,13 +218,25 @@ impl Capture {
             Message::Other(kind, sample) => self.keep(kind, sample, true),
             Message::Journal(sample) => {
                 let entry = sample.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
-                if let Ok(JournalEntry { kind: JournalKind::Call, payload, cell, .. }) = entry
-                    && let Some(scene_id) = scene_asked_about(&payload)
-                {
-                    self.fetch(scene_id, cell);
+                if let Ok(JournalEntry { seq, kind, payload, cell, .. }) = entry {
+                    self.count_missing(&sample.key, seq);
+                    if kind == JournalKind::Call
+                        && let Some(scene_id) = scene_asked_about(&payload)
+                    {
+                        self.fetch(scene_id, cell);
+                    }
                 }
                 self.keep("calls", sample, true);
             }
+        }
+    }
+
+    /// Counts the copies before one that did not come. What comes and does not reach the file is counted where it is dropped.
+    fn count_missing(&mut self, journal: &str, seq: u64) {
+        let missing = self.copies.came(journal, seq);
+        if missing > 0 {
+            tracing::warn!(journal, missing, before = seq, "copies of calls did not come");
+            self.lost.add("calls", missing);
         }
     }
 
@@ -373,20 +308,13 @@ fn is_due(due: &mut BTreeMap<String, Instant>, key: &str, period: Duration) -> b
     }
 }
 
-/// The scene that a request names, where it does not enclose it.
-fn scene_asked_about(payload: &Payload) -> Option<String> {
-    if payload.is_bulk() {
-        return None;
-    }
-    let request: serde_json::Value = serde_json::from_slice(&payload.bytes).ok()?;
-    Some(request.get("scene")?.get("scene_id")?.as_str()?.to_owned())
-}
-
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use async_trait::async_trait;
-    use repose_proto::CallError;
-    use repose_runtime::{Call, Handler, RuntimeConfig};
+    use repose_proto::{CallError, Payload};
+    use repose_runtime::{Call, Handler, RuntimeConfig, SessionMode};
 
     use super::*;
 
@@ -422,42 +350,90 @@ mod tests {
         assert_eq!(last_written(&mut writing, &late).await, Ok("written"));
     }
 
-    #[test]
-    fn a_scene_is_fetched_again_for_each_file_in_which_somebody_asks_about_it() {
-        let mut asked_for = AskedFor::default();
-        let files = [0, 0, 0, 1, 1, 3];
-        let fetched = files.map(|file| asked_for.again("one", file) != Some(file));
-        assert_eq!(fetched, [true, false, false, true, false, true]);
-        assert_eq!(asked_for.again("another", 3), None, "nobody has before");
+    /// A worker's copy, as it comes over the wire.
+    fn copy(session: &Session, seq: u64) -> Sample {
+        let payload = Payload { encoding: String::new(), bytes: Vec::new().into() };
+        let entry = JournalEntry { seq, stamp_ns: 0, kind: JournalKind::Reply, cell: None, attachment: "{}".to_owned(), payload };
+        let payload = Payload::bulk(JournalEntry::SCHEMA, &entry.to_bulk()).expect("small");
+        Sample { key: session.cell().journal(Service::Planner, "w"), payload }
     }
 
-    #[test]
-    fn a_scene_that_did_not_come_is_fetched_again_when_it_is_asked_about_next_and_one_that_nobody_has_is_not() {
-        let mut asked_for = AskedFor::default();
-        for (scene, code, next) in [("busy", ErrorCode::ResourceExhausted, None), ("forgotten", ErrorCode::NotFound, Some(0))] {
-            asked_for.again(scene, 0);
-            asked_for.failed(scene, code);
-            assert_eq!(asked_for.again(scene, 0), next, "{scene}");
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_copy_is_lost_once_whether_it_does_not_come_or_does_not_reach_the_file() {
+        let session = Session::embedded().await.expect("a session");
+        let folder = tempfile::tempdir().expect("a folder");
+        let settings = RecordSettings::new(folder.path().join("run.mcap"));
+        let (lost, (to_file, mut on_its_way)) = (LostMessages::default(), mpsc::channel(1));
+        let mut capture = Capture::of(&session, settings.clone(), to_file, lost.clone());
+        let (for_file, captured) = mpsc::channel(FOR_FILE);
+        // Where two come at once there is no room for the second; number 3 does not come.
+        for at_once in [&[0, 1][..], &[2], &[4]] {
+            at_once.iter().for_each(|seq| capture.take(Message::Journal(copy(&session, *seq))));
+            for_file.try_send(on_its_way.try_recv().expect("the first")).expect("room");
+        }
+        drop(for_file);
+        let parts = RecordingFiles::begin(settings, BTreeMap::new()).expect("a file");
+        let writer = Writer::new(parts, crate::file::SCENE_TOPIC.to_owned(), true, lost, capture.turns.clone());
+        let written = begin_writing(writer, captured, Duration::from_secs(1)).await.expect("its end").expect("written");
+        assert_eq!((written.messages, written.lost), (BTreeMap::from([("calls", 3)]), BTreeMap::from([("calls", 2)])));
+    }
+
+    async fn router(endpoint: &str) -> Session {
+        let mut config = RuntimeConfig::default();
+        (config.session.mode, config.session.listen) = (SessionMode::Router, vec![endpoint.to_owned()]);
+        loop {
+            // The port is free a moment after its last owner has closed.
+            if let Ok(router) = Session::open(config.clone()).await {
+                return router;
+            }
+            tokio::task::yield_now().await;
         }
     }
 
-    #[test]
-    fn a_scene_that_cannot_be_fetched_is_lost_until_it_comes_after_all() {
-        let lost = LostMessages::default();
-        let mut asked_for = AskedFor::counting(lost.clone());
-        let counted = || lost.by_kind().get("scenes").copied();
-        // Perception is away. That nobody has a scene is no loss: it may be in a call.
-        for (scene, code) in [("one", ErrorCode::Unavailable), ("one", ErrorCode::DeadlineExceeded), ("two", ErrorCode::Unavailable)] {
-            asked_for.failed(scene, code);
+    /// Waits until a session's connection is up, or down.
+    async fn until(session: &Session, is_up: bool) {
+        while session.transport().connection().is_up != is_up {
+            tokio::task::yield_now().await;
         }
-        asked_for.failed("three", ErrorCode::NotFound);
-        assert_eq!(counted(), Some(2));
-        for scene in ["one", "one", "three", "two"] {
-            asked_for.came(scene);
-        }
-        assert_eq!(counted(), None);
-        (0..3 * REMEMBERED).for_each(|scene| asked_for.failed(&scene.to_string(), ErrorCode::Unavailable));
-        assert!(counted() == Some(3 * REMEMBERED as u64) && asked_for.missing.len() <= REMEMBERED);
+    }
+
+    /// What the file's end says of outages.
+    fn told_outages(file: &Path) -> Vec<[u64; 2]> {
+        let bytes = std::fs::read(file).expect("the file");
+        let records = mcap::read::LinearReader::new(&bytes).expect("a recording").map(|record| record.expect("readable"));
+        let mut outages = records.filter_map(|record| match record {
+            mcap::records::Record::Metadata(told) => told.metadata.get("outages_ns").cloned(),
+            _ => None,
+        });
+        serde_json::from_str(&outages.next().expect("an entry")).expect("pairs of instants")
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn an_outage_of_the_router_is_counted_and_the_file_says_when_it_was() {
+        let address = std::net::TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a free port");
+        let endpoint = format!("tcp/{address}");
+        let first = router(&endpoint).await;
+        let mut config = RuntimeConfig::default();
+        (config.session.mode, config.session.connect) = (SessionMode::Client, vec![endpoint.clone()]);
+        let session = Session::open(config).await.expect("a session");
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("run.mcap");
+        let (shutdown, (begun, has_begun)) = (Shutdown::new(), oneshot::channel());
+        let recording = record(&session, RecordSettings::new(out.clone()), &shutdown, |_| {
+            let _waited_for = begun.send(());
+        });
+        let outage = async {
+            has_begun.await.expect("it begins");
+            first.close().await.expect("closed");
+            until(&session, false).await;
+            let second = router(&endpoint).await;
+            until(&session, true).await;
+            shutdown.trigger();
+            second
+        };
+        let (recorded, _second) = tokio::join!(recording, outage);
+        assert_eq!(recorded.expect("a recording").lost, BTreeMap::from([("outages", 1)]));
+        assert!(matches!(told_outages(&out)[..], [[since, until]] if since < until));
     }
 
     #[test]
@@ -470,14 +446,5 @@ mod tests {
         (0..2).for_each(|_| hand_over(&to_file, &lost, "scenes", scene()));
         assert!(captured.try_recv().is_ok() && captured.try_recv().is_err());
         assert_eq!(lost.by_kind(), BTreeMap::from([("scenes", 1)]));
-    }
-
-    #[test]
-    fn what_is_remembered_of_scenes_is_bounded() {
-        let mut asked_for = AskedFor::default();
-        for scene in 0..3 * REMEMBERED {
-            asked_for.again(&scene.to_string(), 0);
-        }
-        assert!(asked_for.files.len() <= REMEMBERED);
     }
 }

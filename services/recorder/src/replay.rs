@@ -11,7 +11,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::RecordingError;
-use crate::calls::{Calls, RecordedCall};
+use crate::calls::{RecordedCall, RecordedScenes};
 use crate::difference::difference;
 
 /// Whether a method is asked again: those whose answers follow from the request, the scene and the weights alone.
@@ -54,7 +54,7 @@ impl Replay {
     ///
     /// # Errors
     /// `unavailable` when one is not.
-    pub async fn ready(&self, calls: &[&RecordedCall]) -> Result<(), CallError> {
+    pub async fn ready(&self, calls: &[RecordedCall]) -> Result<(), CallError> {
         for (service, caller) in &self.callers {
             if calls.iter().any(|asked| asked.service == *service) {
                 caller.wait_for_workers(1, self.deadline).await?;
@@ -63,16 +63,16 @@ impl Replay {
         Ok(())
     }
 
-    /// Asks one request again.
-    pub async fn repeat(&self, asked: &RecordedCall, calls: &Calls) -> Repeated {
-        let why = match self.answer(asked, &calls.scenes).await {
+    /// Asks one request again, on the recorded scenes where nobody holds its own.
+    pub async fn repeat(&self, asked: &RecordedCall, scenes: &RecordedScenes) -> Repeated {
+        let why = match self.answer(asked, scenes).await {
             Ok(now) => difference(&asked.result, &now),
             Err(error) => Some(format!("there was an answer, now {error}")),
         };
         Repeated { id: asked.id.clone(), method: format!("{}.{}", asked.service, asked.method), why }
     }
 
-    async fn answer(&self, asked: &RecordedCall, scenes: &BTreeMap<String, Payload>) -> Result<Payload, CallError> {
+    async fn answer(&self, asked: &RecordedCall, scenes: &RecordedScenes) -> Result<Payload, CallError> {
         let caller = self.callers.get(&asked.service).ok_or_else(|| CallError::internal("this service is not asked again"))?;
         let options = CallOptions::within(self.deadline);
         match (asked.service, asked.method.as_str()) {
@@ -89,7 +89,7 @@ async fn on_scene<T: Message + Serialize + DeserializeOwned>(
     caller: &Caller,
     asked: &RecordedCall,
     scene_of: impl Fn(&T) -> &str,
-    scenes: &BTreeMap<String, Payload>,
+    scenes: &RecordedScenes,
     options: CallOptions,
 ) -> Result<Payload, CallError> {
     let (request, enclosed) = match asked.request.is_bulk() {

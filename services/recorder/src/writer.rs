@@ -28,7 +28,7 @@ pub struct Summary {
     pub written: RecordingReport,
     /// Messages by kind: `frames`, `scenes`, `states`, `stops`, `calls`, ….
     pub messages: BTreeMap<&'static str, u64>,
-    /// Messages that were heard, or announced, and are not in it, by the same kinds.
+    /// Messages that were heard, or announced, and are not in it, by the same kinds; and `outages` of the router, during which nothing was heard.
     pub lost: BTreeMap<&'static str, u64>,
 }
 
@@ -74,16 +74,14 @@ pub struct Writer {
     lost: LostMessages,
     /// How often it has turned to the next file, for those who capture.
     turns: Arc<AtomicUsize>,
-    /// The number that each journal's next copy must have.
-    next_copy: BTreeMap<String, u64>,
 }
 
 impl Writer {
     /// A writer of `parts`; whole scenes go to `scene_topic`. What is not written is added to `lost`, and each turn to the next file to `turns`.
     pub fn new(parts: RecordingFiles, scene_topic: String, looks: bool, lost: LostMessages, turns: Arc<AtomicUsize>) -> Self {
         let looker = looks.then(Looker::default);
-        let (in_file, messages, next_copy) = (BTreeSet::new(), BTreeMap::new(), BTreeMap::new());
-        Self { parts, scene_topic, looker, scenes: LruCache::new(SCENES), in_file, messages, lost, turns, next_copy }
+        let (in_file, messages) = (BTreeSet::new(), BTreeMap::new());
+        Self { parts, scene_topic, looker, scenes: LruCache::new(SCENES), in_file, messages, lost, turns }
     }
 
     /// Writes until nobody sends any more; what was heard is in the file after `chunk_period` at most. Blocks: not for async code.
@@ -113,6 +111,10 @@ impl Writer {
             self.messages.iter().map(|(kind, count)| ((*kind).to_owned(), count.to_string())).collect();
         let lost = self.lost.by_kind();
         about.insert("lost".to_owned(), lost.values().sum::<u64>().to_string());
+        let outages = self.lost.outages();
+        if !outages.is_empty() {
+            about.insert("outages_ns".to_owned(), format!("{outages:?}"));
+        }
         Ok(Summary { written: self.parts.finish(about)?, messages: self.messages, lost })
     }
 
@@ -155,19 +157,6 @@ impl Writer {
     }
 
     fn look_at(&mut self, kind: &str, sample: &Sample, at_ns: u64) -> Result<(), RecordingError> {
-        if kind == "calls" {
-            let entry = sample.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
-            let Ok(entry) = entry else { return Ok(()) };
-            if let Some(expected) = self.next_copy.insert(sample.key.clone(), entry.seq.saturating_add(1)) {
-                let missing = entry.seq.saturating_sub(expected);
-                if missing > 0 {
-                    tracing::warn!(journal = sample.key, missing, before = entry.seq, "copies of calls did not come");
-                }
-                self.lost.add("calls", missing);
-            }
-            let look = self.looker.as_ref().and_then(|looker| looker.placements(&answered(&entry)?, at_ns));
-            return self.show(look.as_slice());
-        }
         let Some(looker) = &mut self.looker else { return Ok(()) };
         let looks = match kind {
             // Nobody looks at what cannot be read; as it was on the wire it is in the file.
@@ -179,6 +168,7 @@ impl Writer {
                 (Some(robot), Ok(state)) => looker.robot(robot, &state),
                 _ => Vec::new(),
             },
+            "calls" => answered(&sample.payload).and_then(|result| looker.placements(&result, at_ns)).into_iter().collect(),
             _ => Vec::new(),
         };
         self.show(&looks)
@@ -191,7 +181,8 @@ impl Writer {
 }
 
 /// The placements that a copy answers with.
-fn answered(entry: &JournalEntry) -> Option<PlaceResult> {
+fn answered(copy: &Payload) -> Option<PlaceResult> {
+    let entry = JournalEntry::from_bulk(&copy.decode_bulk(JournalEntry::SCHEMA).ok()?).ok()?;
     let is_answer = entry.kind == JournalKind::Reply && entry.payload.schema() == "PlaceResult.v1";
     let reply = is_answer.then(|| ReplyAttachment::decode(entry.attachment.as_bytes()).ok())??;
     (reply.kind == ReplyKind::Result).then(|| entry.payload.decode_json().ok())?

@@ -131,7 +131,7 @@ pub async fn run(args: &RecordArgs, output: Output) -> CommandResult {
         if lost_count > 0 {
             let lost: Vec<String> = lost.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
             said.push_str(&format!(
-                "; lost: {} (disk, network or machine were too slow; scenes also where no perception that may be asked has them)",
+                "; lost: {} (disk, network or machine were too slow; outages are the router's; scenes also where no perception that may be asked has them)",
                 lost.join(", ")
             ));
         }

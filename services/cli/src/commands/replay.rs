@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_proto::Service;
-use repose_recorder::calls::{Calls, RecordedCall};
+use repose_recorder::RecordingError;
+use repose_recorder::calls::{Calls, RecordedScenes, scenes_of};
 use repose_recorder::replay::{Repeated, Replay, is_repeatable};
 use repose_runtime::{RuntimeConfig, Session, Shutdown};
 
@@ -45,13 +46,13 @@ pub async fn run(args: &ReplayArgs, output: Output) -> CommandResult {
             "is of a running system, and the requests go to services in this process: --running asks it",
         ));
     }
-    let files = args.files.clone();
-    let calls = tokio::task::spawn_blocking(move || Calls::read(&files, is_repeatable)).await.map_err(Failure::other)??;
+    let (files, request) = (args.files.clone(), args.request.clone());
+    let reading = tokio::task::spawn_blocking(move || read(&files, request.as_deref()));
+    let (calls, scenes) = reading.await.map_err(Failure::other)??;
     for (file, reason) in &calls.cut {
         tracing::warn!(file = %file.display(), reason, "the recording ends early: what is there is asked");
     }
-    let chosen: Vec<&RecordedCall> = calls.asked.iter().filter(|asked| args.request.as_ref().is_none_or(|id| asked.id == *id)).collect();
-    if chosen.is_empty() {
+    if calls.asked.is_empty() {
         return Err(match &args.request {
             Some(id) => Failure::bad_input("request", format!("the recording has no answered request {id}")),
             None => Failure::bad_input("files", "the recording has no answered request that can be sent again"),
@@ -60,21 +61,29 @@ pub async fn run(args: &ReplayArgs, output: Output) -> CommandResult {
     let repeated = match args.running {
         true => {
             let session = client::connect(&args.system).await?;
-            let repeated = repeat(&session, &chosen, &calls, args).await;
+            let repeated = repeat(&session, &calls, &scenes, args).await;
             client::close(session).await;
             repeated?
         }
-        false => in_this_process(&chosen, &calls, args).await?,
+        false => in_this_process(&calls, &scenes, args).await?,
     };
     report(&repeated, &calls, output)
 }
 
+/// What is asked again, the request with that id only where one is given, and the scenes that it is about.
+fn read(files: &[PathBuf], request: Option<&str>) -> Result<(Calls, RecordedScenes), RecordingError> {
+    let mut calls = Calls::read(files, is_repeatable)?;
+    calls.asked.retain(|asked| request.is_none_or(|id| asked.id == id));
+    let scenes = scenes_of(&calls.asked, files)?;
+    Ok((calls, scenes))
+}
+
 /// Starts what is needed here, and asks it.
-async fn in_this_process(chosen: &[&RecordedCall], calls: &Calls, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
+async fn in_this_process(calls: &Calls, scenes: &RecordedScenes, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
     let session = Session::open(RuntimeConfig::default()).await?;
     let (shutdown, configs) = (Shutdown::new(), ServiceConfigs::load(args.system.config.as_deref())?);
     let services = SERVICES.map(|service| tokio::spawn(configs.clone().run(service, session.clone(), shutdown.child())));
-    let repeated = repeat(&session, chosen, calls, args).await;
+    let repeated = repeat(&session, calls, scenes, args).await;
     shutdown.trigger();
     let mut served = Ok(());
     for service in services {
@@ -85,12 +94,12 @@ async fn in_this_process(chosen: &[&RecordedCall], calls: &Calls, args: &ReplayA
     served.and(repeated)
 }
 
-async fn repeat(session: &Session, chosen: &[&RecordedCall], calls: &Calls, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
+async fn repeat(session: &Session, calls: &Calls, scenes: &RecordedScenes, args: &ReplayArgs) -> Result<Vec<Repeated>, Failure> {
     let replay = Replay::new(session, Duration::from_millis(args.deadline_ms)).await?;
-    replay.ready(chosen).await?;
+    replay.ready(&calls.asked).await?;
     let mut repeated = Vec::new();
-    for asked in chosen {
-        let one = replay.repeat(asked, calls).await;
+    for asked in &calls.asked {
+        let one = replay.repeat(asked, scenes).await;
         tracing::info!(id = one.id, method = one.method, same = one.why.is_none(), "asked again");
         repeated.push(one);
     }

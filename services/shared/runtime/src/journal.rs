@@ -2,17 +2,19 @@
 //!
 //! Copying costs the call no more than a push into a bounded queue, whose messages share their bytes with the call's; a task of its own encodes and
 //! sends them, some time later and several together: a message that goes alone wakes several threads here, in the router and in the recorder, just
-//! when the answer that it is a copy of is on its way. What finds no room is dropped and counted, which a recorder sees as a gap in the numbers.
+//! when the answer that it is a copy of is on its way. What finds no room, here or on a link to a recorder that does not keep up, is dropped: a recorder
+//! sees a gap in the numbers, and nobody waits for it.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use repose_proto::{Cell, JournalEntry, JournalKind, Payload, Service};
 use tokio::sync::{Notify, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
 use crate::RuntimeError;
+use crate::robots::now_ns;
 use crate::transport::{AliveWatch, Traffic, Transport};
 
 /// How long a copy may wait for others to go with. Longer: fewer threads woken, and more lost with a worker that is killed.
@@ -99,10 +101,6 @@ impl Journal {
             metrics::counter!("repose_journal_dropped_total").increment(1);
         }
     }
-}
-
-fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }
 
 /// Switches the journal on and off, until the network goes.

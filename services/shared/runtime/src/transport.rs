@@ -31,7 +31,7 @@ pub enum Traffic {
     Scene,
     /// Calls, their replies and cancels; waits for room.
     Call(Priority),
-    /// Copies for whoever records: below calls; waits for room, since a copy that is missing is a request that cannot be asked again.
+    /// Copies for whoever records: below calls; dropped where a link or a recorder does not keep up, which shows in their numbers.
     Journal,
     /// Lowest; dropped under congestion.
     Load,

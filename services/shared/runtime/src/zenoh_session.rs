@@ -12,6 +12,16 @@ use crate::opening::{RouterEntry, open_apart};
 /// The least time of an attempt at a link, milliseconds: a few round trips between busy machines.
 const LEAST_ATTEMPT_MS: u64 = 1000;
 
+/// Parts, of 64 KiB, of copies of calls that may wait on a link, which nothing else of ours shares its priority with. As many as Zenoh allows: copies come
+/// several together, and are dropped where they find no room.
+const COPY_PARTS_WAITING: usize = 16;
+/// How long a message that may be dropped waits for room, once: on a link that stands still, what comes after it is dropped at once. Longer than a busy
+/// machine takes to run the thread that sends; Zenoh's own millisecond is not, and loses copies where nobody is slow.
+const MESSAGE_WAIT: Duration = Duration::from_millis(50);
+/// How long a large message that may be dropped is given to find room, from its first part to its last: copies of two megabytes get through links of
+/// 100 Mbit/s. Higher: who reads slowly holds up a router's receiving threads for longer, by which all else comes.
+const LARGE_MESSAGE_WAIT: Duration = Duration::from_millis(100);
+
 /// Opens a session; its errors are those of [`crate::zenoh_transport::ZenohTransport::open`].
 pub(crate) async fn open_session(config: &SessionConfig, zenoh_config: zenoh::Config) -> Result<zenoh::Session, RuntimeError> {
     let endpoints = match config.mode {
@@ -73,6 +83,12 @@ pub(crate) fn zenoh_config(config: &SessionConfig) -> Result<zenoh::Config, Runt
         // A router that comes back is found within half a second, and not hammered.
         ("connect/retry", serde_json::json!({"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5})),
         ("transport/unicast/open_timeout", serde_json::json!(attempt_time(config).as_millis() as u64)),
+        ("transport/link/tx/queue/size/data", serde_json::json!(COPY_PARTS_WAITING)),
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", serde_json::json!(MESSAGE_WAIT.as_micros() as u64)),
+        (
+            "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments",
+            serde_json::json!(LARGE_MESSAGE_WAIT.as_micros() as u64),
+        ),
         // Nothing here reads a message's time of sending; a router that puts one on complains of every message from a host whose clock is ahead of its own.
         ("timestamping/enabled", serde_json::json!(false)),
         ("queries_default_timeout", serde_json::json!(config.query_timeout_ms)),

@@ -1,12 +1,15 @@
-//! Copies of calls for whoever records: all of them while somebody does, and none otherwise.
+//! Copies of calls for whoever records: all of them while somebody does, none otherwise, and at nobody's expense.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::common::{Network, Oddities, SERVICE, word};
+use crate::common::{Network, Oddities, SERVICE, read, word};
 use repose_proto::load::WorkerLoad;
 use repose_proto::{CallAttachment, JournalEntry, JournalKind, ReplyAttachment, ReplyKind};
-use repose_runtime::{CallOptions, RuntimeConfig, Subscription};
+use repose_runtime::{CallOptions, CancellationToken, RuntimeConfig, Session, SessionMode, Subscription};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinSet;
 
 fn options() -> CallOptions {
     CallOptions::within(Duration::from_secs(10))
@@ -62,4 +65,77 @@ async fn calls_and_their_replies_are_copied_as_they_were_while_somebody_records(
     caller.call("echo", word("again"), options()).await.unwrap();
     let again = next(&mut entries).await;
     assert_eq!((again.seq, &again.payload), (9, &word("again")));
+}
+
+/// What lies between a recorder and its router.
+struct Wire {
+    address: SocketAddr,
+    /// From then on nothing that the router sends is read; what the recorder sends arrives, so that the router takes it for alive.
+    deaf: CancellationToken,
+    _links: JoinSet<()>,
+}
+
+impl Wire {
+    async fn to(router: String) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let (address, deaf) = (listener.local_addr().unwrap(), CancellationToken::new());
+        let (mut accepting, turns_deaf) = (JoinSet::new(), deaf.clone());
+        accepting.spawn(async move {
+            let mut links = JoinSet::new();
+            loop {
+                let (near, _) = listener.accept().await.unwrap();
+                links.spawn(carry(near, TcpStream::connect(&router).await.unwrap(), turns_deaf.clone()));
+            }
+        });
+        Self { address, deaf, _links: accepting }
+    }
+}
+
+async fn carry(recorder: TcpStream, router: TcpStream, deaf: CancellationToken) {
+    let ((mut from_recorder, mut to_recorder), (mut from_router, mut to_router)) = (recorder.into_split(), router.into_split());
+    let there = tokio::io::copy(&mut from_recorder, &mut to_router);
+    let back = async {
+        tokio::select! {
+            _ = tokio::io::copy(&mut from_router, &mut to_recorder) => {}
+            () = deaf.cancelled() => std::future::pending::<()>().await,
+        }
+    };
+    let _ended = tokio::join!(there, back);
+}
+
+/// A session whose links are believed in for longer than a test takes, however silent they are.
+async fn patient(mode: SessionMode, endpoint: String) -> Session {
+    let mut config = RuntimeConfig::default();
+    (config.session.mode, config.session.lease_ms) = (mode, 60_000);
+    match mode {
+        SessionMode::Router => config.session.listen = vec![endpoint],
+        _ => config.session.connect = vec![endpoint],
+    }
+    Session::open(config).await.unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn calls_are_answered_while_a_recorder_reads_nothing() {
+    let router = patient(SessionMode::Router, "tcp/127.0.0.1:0".to_owned()).await;
+    let endpoint = router.locators().await.swap_remove(0);
+    let wire = Wire::to(endpoint.strip_prefix("tcp/").expect("TCP").to_owned()).await;
+    let [worker, asking] = [patient(SessionMode::Client, endpoint.clone()).await, patient(SessionMode::Client, endpoint).await];
+    let recorder = patient(SessionMode::Client, format!("tcp/{}", wire.address)).await;
+    let _server = worker.start(SERVICE, Arc::new(Oddities::default())).await.unwrap();
+    let caller = asking.caller(SERVICE).await.unwrap();
+    caller.wait_for_workers(1, Duration::from_secs(10)).await.unwrap();
+    let mut loads = asking.subscribe_queue(&asking.cell().loads(SERVICE), 16).await.unwrap();
+    let mut entries = recorder.subscribe_queue(&recorder.cell().journals(), 64).await.unwrap();
+    let _token = recorder.transport().declare_alive(&recorder.cell().live_recorder("r-1")).await.unwrap();
+    told(&mut loads, true).await;
+    caller.call("echo", word("heard"), options()).await.unwrap();
+    assert_eq!(next(&mut entries).await.payload, word("heard"));
+    wire.deaf.cancel();
+    // Copies of 64 MB, many times what a link and its buffers hold.
+    let text = "x".repeat(2 << 20);
+    for _ in 0..16 {
+        // Less than the five seconds for which a link is waited with before it is closed.
+        let answer = caller.call("echo", word(&text), CallOptions::within(Duration::from_secs(4))).await.unwrap();
+        assert_eq!(read(&answer.payload).len(), text.len());
+    }
 }
