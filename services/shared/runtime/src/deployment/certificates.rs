@@ -1,10 +1,19 @@
 //! Certificates for a trial: an authority of the deployment's own, and what it signs. An operator with an authority puts its certificates in
 //! their place; what is there already is kept.
+//!
+//! A key is written before its certificate. Where that is as far as it comes, as on a full disk, the certificate is missing, and the next time both
+//! are made anew: a pair that is there belongs together.
 
+use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use rcgen::{BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, KeyUsagePurpose};
+use rustls::client::verify_server_name;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, ServerName};
+use rustls::server::ParsedCertificate;
+use x509_parser::extensions::GeneralName;
 
 use super::writer::{Failed, Files};
 
@@ -39,15 +48,16 @@ impl Authority {
         params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
         let key = KeyPair::generate().map_err(fail)?;
         let certificate = params.self_signed(&key).map_err(fail)?.pem();
-        files.write(&certificate_file, &certificate)?;
         files.write_secret(&key_file, &key.serialize_pem())?;
+        files.write(&certificate_file, &certificate)?;
         Ok(Self { issuer: Some(Issuer::new(params, key)), key_file, certificate })
     }
 
-    /// A certificate and its key at these files, unless they are there: the router's with its `hosts`, or a user's without.
+    /// A certificate and its key at these files, unless they are there: the router's with its `hosts`, or a user's without. A router's that is there
+    /// must be for `name`, one of its hosts.
     pub(super) fn sign(&self, files: &mut Files, certificate: &Path, key: &Path, name: &str, hosts: &[&str]) -> Result<(), Failed> {
-        if files.existing(certificate)?.is_some() && files.existing(key)?.is_some() {
-            return Ok(());
+        if let (Some(there), Some(_)) = (files.existing(certificate)?, files.existing(key)?) {
+            return if hosts.is_empty() { Ok(()) } else { check_host(certificate, &there, name) };
         }
         let Some(issuer) = &self.issuer else {
             let why = format!("is missing, and {} is to be signed with it: put either there", certificate.display());
@@ -61,9 +71,41 @@ impl Authority {
         params.use_authority_key_identifier_extension = true;
         let pair = KeyPair::generate().map_err(fail)?;
         let signed = params.signed_by(&pair, issuer).map_err(fail)?;
-        files.write(certificate, &signed.pem())?;
-        files.write_secret(key, &pair.serialize_pem())
+        // One whose key was missing does not stay beside the new key.
+        files.remove(certificate)?;
+        files.write_secret(key, &pair.serialize_pem())?;
+        files.write(certificate, &signed.pem())
     }
+}
+
+/// Refuses a router's certificate that is not for `host`, by the rule by which users' links would.
+pub(super) fn check_host(file: &Path, pem: &str, host: &str) -> Result<(), Failed> {
+    let certificate = CertificateDer::from_pem_slice(pem.as_bytes()).map_err(|e| Failed::new(file, e))?;
+    let parsed = ParsedCertificate::try_from(&certificate).map_err(|e| Failed::new(file, e))?;
+    let name = ServerName::try_from(host).map_err(|e| Failed::new(file, format!("{host}: {e}")))?;
+    verify_server_name(&parsed, &name).map_err(|_| {
+        let named = names_of(&certificate);
+        let named = if named.is_empty() { "no host".to_owned() } else { named.join(", ") };
+        Failed::new(file, format!("is for {named}, not for {host}: delete it and run `repose deploy` again, or put your own"))
+    })
+}
+
+/// The hosts that a certificate is for.
+fn names_of(certificate: &[u8]) -> Vec<String> {
+    let Ok((_rest, certificate)) = x509_parser::parse_x509_certificate(certificate) else { return Vec::new() };
+    let Ok(Some(names)) = certificate.subject_alternative_name() else { return Vec::new() };
+    let host = |name: &GeneralName<'_>| match name {
+        GeneralName::DNSName(name) => Some((*name).to_owned()),
+        GeneralName::IPAddress(bytes) => address_of(bytes).map(|address| address.to_string()),
+        _ => None,
+    };
+    names.value.general_names.iter().filter_map(host).collect()
+}
+
+/// An address of version 4 or 6, by its bytes.
+fn address_of(bytes: &[u8]) -> Option<IpAddr> {
+    let four = <[u8; 4]>::try_from(bytes).map(IpAddr::from);
+    four.or_else(|_| <[u8; 16]>::try_from(bytes).map(IpAddr::from)).ok()
 }
 
 fn params(hosts: Vec<String>, name: &str, days: u64) -> Result<CertificateParams, rcgen::Error> {

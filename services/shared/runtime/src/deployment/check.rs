@@ -11,10 +11,12 @@ use repose_proto::{Cell, Service};
 
 use super::access::{Verb, may};
 use super::attempts::Attempts;
+use super::certificates::check_host;
 use super::probes::probes;
 use super::report::CheckReport;
 use super::roles::Roles;
 use super::sessions::TrialSessions;
+use super::writer::Failed;
 use crate::expiry::say;
 use crate::{CertificateExpiry, RuntimeError};
 
@@ -23,6 +25,8 @@ use crate::{CertificateExpiry, RuntimeError};
 pub struct TrialFiles {
     folder: PathBuf,
     deployment: PathBuf,
+    /// The name by which users reach the router.
+    host: String,
 }
 
 impl TrialFiles {
@@ -31,15 +35,21 @@ impl TrialFiles {
     /// # Errors
     /// The file that is missing or cannot be written.
     pub fn write(roles: &Roles, deployment: &Path) -> Result<Self, RuntimeError> {
-        let files = Self { folder: deployment.join(".check"), deployment: deployment.to_owned() };
+        let files = Self { folder: deployment.join(".check"), deployment: deployment.to_owned(), host: roles.host().to_owned() };
         super::files::write_trial(roles, deployment, &files.folder).map_err(|e| RuntimeError::transport("preparing the trial", e))?;
         Ok(files)
     }
 
     /// Zenoh's file for a router that is started for the trial alone. It must be a process of its own: sessions of one process share their
     /// threads, and a router waits on them for its own clients to take what it sends.
-    pub fn router(&self) -> PathBuf {
-        self.folder.join("router.json5")
+    ///
+    /// # Errors
+    /// The router's certificate, where users would refuse it: the trial reaches that router by an address of this machine, and would not see that.
+    pub fn router(&self) -> Result<PathBuf, Failed> {
+        let file = self.deployment.join("router").join("router.pem");
+        let certificate = std::fs::read_to_string(&file).map_err(|e| Failed::new(&file, e))?;
+        check_host(&file, &certificate, &self.host)?;
+        Ok(self.folder.join("router.json5"))
     }
 }
 

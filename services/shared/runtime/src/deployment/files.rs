@@ -43,10 +43,8 @@ pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<WrittenFi
         let session = user_json5(roles, name, passwords.get(name), &installed);
         files.write_secret(&folder.join("zenoh.json5"), &session)?;
         files.write_settings(&folder.join("repose.toml"), &user_toml(roles, name, user, &installed))?;
-        if let Some(service) = user.service {
-            let run = format!("{service} --config {}", argument(&installed.join("repose.toml")));
-            let unit = unit(&format!("Repose {service} as {name}"), &run);
-            files.write(&out.join("units").join(format!("repose-{name}.service")), &unit)?;
+        for (file, unit) in user_units(name, user, &installed) {
+            files.write(&out.join("units").join(file), &unit)?;
         }
     }
     let run = format!("router --config {}", argument(&installed_at.join("router/router.toml")));
@@ -216,6 +214,26 @@ fn user_toml(roles: &Roles, name: &str, user: &User, installed: &Path) -> String
         _ => ("the commands of repose take --config repose.toml".to_owned(), String::new()),
     };
     format!("# {name}: {use_it}\n{session}{pool}{worker}")
+}
+
+/// The units of a service's user, with their files' names: one for each of its cells. The first is the one that its configuration names.
+fn user_units(name: &str, user: &User, installed: &Path) -> Vec<(String, String)> {
+    let Some(service) = user.service else { return Vec::new() };
+    let config = argument(&installed.join("repose.toml"));
+    let of_cell = |(place, cell): (usize, &String)| {
+        if place == 0 {
+            let unit = unit(&format!("Repose {service} as {name}"), &format!("{service} --config {config}"));
+            return (format!("repose-{name}.service"), unit);
+        }
+        // A cell without a pool is its own: the configuration may name the first cell's.
+        let pool = user.pools.of_cell.get(cell).unwrap_or(cell);
+        let run = format!("{service} --cell {cell} --pool {pool} --config {config}");
+        let unit = unit(&format!("Repose {service} as {name} in {cell}"), &run);
+        // No name has a dot, so that this is no other user's.
+        (format!("repose-{name}.{cell}.service"), unit)
+    };
+    let is_first = |(place, cell): &(usize, &String)| !user.cells[..*place].contains(cell);
+    user.cells.iter().enumerate().filter(is_first).map(of_cell).collect()
 }
 
 /// A path as one argument of a unit's command: systemd parts words at spaces, and reads quotes, backslashes, `$` and `%` in them.

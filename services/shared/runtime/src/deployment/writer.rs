@@ -74,6 +74,15 @@ impl Files {
         }
     }
 
+    /// Takes a file away, where there is one.
+    pub(super) fn remove(&mut self, path: &Path) -> Result<(), Failed> {
+        self.written.kept.retain(|kept| kept != path);
+        match std::fs::remove_file(path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(Failed::new(path, error)),
+            _ => Ok(()),
+        }
+    }
+
     /// What was written, and what was there and stays.
     pub(super) fn written(mut self) -> WrittenFiles {
         let files = &self.written.files;

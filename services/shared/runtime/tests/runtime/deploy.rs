@@ -1,9 +1,11 @@
-//! What the examples in `deploy/` promise: every field of the runtime's sections with its default, and files that can be read.
+//! What the examples in `deploy/` promise: every field of the runtime's sections with its default, and files that can be read. And what is written of
+//! a roles file: certificates that fit their hosts and keys, and a unit for every process.
 
 use std::path::{Path, PathBuf};
 
+use rcgen::KeyPair;
 use repose_proto::Service;
-use repose_runtime::deployment::Roles;
+use repose_runtime::deployment::{Failed, Roles, TrialFiles, write};
 use repose_runtime::{METRICS, RuntimeConfig, SessionMode, load_config};
 
 fn deploy() -> PathBuf {
@@ -106,4 +108,105 @@ fn every_metric_in_the_table_is_told_by_some_source_and_every_one_told_is_in_the
     }
     let known: std::collections::BTreeSet<String> = METRICS.iter().map(|(name, _)| (*name).to_owned()).collect();
     assert_eq!(told, known);
+}
+
+/// A motion worker's roles, with the router at an address.
+fn roles(router: &str) -> Roles {
+    let text = format!("router = \"{router}\"\ncells = [\"lab\"]\n[users.motion]\nrole = \"service\"\nservice = \"motion\"\n");
+    Roles::parse(&text).unwrap()
+}
+
+/// Whether somebody is told that the router's certificate is for one host and not for another.
+fn names_hosts(refused: &Failed, old: &str, new: &str) -> bool {
+    let words = [format!("is for {old}, "), format!("not for {new}:")];
+    refused.path.ends_with("router/router.pem") && words.iter().all(|words| refused.message.contains(words))
+}
+
+#[test]
+fn a_router_of_another_name_needs_another_certificate() {
+    for (old, new) in [("old.example", "new.example"), ("10.0.0.8", "10.0.0.9"), ("[fd00::1]", "[fd00::2]"), ("old.example", "10.0.0.9")] {
+        let folder = tempfile::tempdir().unwrap();
+        let written = |host: &str| write(&roles(&format!("{host}:7447")), folder.path(), folder.path());
+        let [named_old, named_new] = [old, new].map(|host| host.trim_matches(['[', ']']));
+        written(old).unwrap();
+        written(old).expect("one that is for the router stays");
+        let refused = written(new).unwrap_err();
+        assert!(names_hosts(&refused, named_old, named_new), "{refused}");
+        // The trial on a router apart does not come by that name.
+        let of_router = |host: &str| TrialFiles::write(&roles(&format!("{host}:7447")), folder.path()).unwrap().router();
+        assert!(of_router(old).is_ok());
+        let refused = of_router(new).unwrap_err();
+        assert!(names_hosts(&refused, named_old, named_new), "{refused}");
+        std::fs::remove_file(folder.path().join("router/router.pem")).unwrap();
+        written(new).expect("another is made");
+        assert!(of_router(new).is_ok());
+    }
+}
+
+#[test]
+fn a_certificate_of_an_operators_own_may_be_for_every_host_of_a_domain() {
+    let folder = tempfile::tempdir().unwrap();
+    let own = rcgen::generate_simple_self_signed(["*.cell.example".to_owned()]).unwrap();
+    std::fs::create_dir(folder.path().join("router")).unwrap();
+    std::fs::write(folder.path().join("router/router.pem"), own.cert.pem()).unwrap();
+    std::fs::write(folder.path().join("router/router-key.pem"), own.signing_key.serialize_pem()).unwrap();
+    write(&roles("router.cell.example:7447"), folder.path(), folder.path()).expect("it is for the router, too");
+    let refused = write(&roles("router.hall.example:7447"), folder.path(), folder.path()).unwrap_err();
+    assert!(refused.message.contains("is for *.cell.example, not for router.hall.example:"), "{refused}");
+}
+
+#[test]
+fn a_certificate_belongs_to_its_key_also_where_writing_one_of_them_failed() {
+    let belongs = |folder: &Path| {
+        let [certificate, key] =
+            ["router.pem", "router-key.pem"].map(|file| std::fs::read_to_string(folder.join("router").join(file)).unwrap());
+        let (_rest, certificate) = x509_parser::pem::parse_x509_pem(certificate.as_bytes()).unwrap();
+        let certified = certificate.parse_x509().unwrap().public_key().subject_public_key.data.to_vec();
+        certified == KeyPair::from_pem(&key).unwrap().public_key_raw()
+    };
+    for (lost, unwritable) in [("router.pem", "router-key.pem"), ("router-key.pem", "router.pem")] {
+        let folder = tempfile::tempdir().unwrap();
+        let written = || write(&roles("router.example:7447"), folder.path(), folder.path());
+        written().unwrap();
+        std::fs::remove_file(folder.path().join("router").join(lost)).unwrap();
+        // As a full disk: there is no place for the new one.
+        let in_the_way = folder.path().join("router").join(format!("{unwritable}.new"));
+        std::fs::create_dir(&in_the_way).unwrap();
+        assert!(written().unwrap_err().path.ends_with(unwritable));
+        std::fs::remove_dir(&in_the_way).unwrap();
+        written().unwrap();
+        assert!(belongs(folder.path()), "{lost} was lost");
+    }
+}
+
+#[test]
+fn an_authority_whose_key_could_not_be_written_is_made_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let written = || write(&roles("router.example:7447"), folder.path(), folder.path());
+    let in_the_way = folder.path().join("authority/authority-key.pem.new");
+    std::fs::create_dir_all(&in_the_way).unwrap();
+    assert!(written().unwrap_err().path.ends_with("authority-key.pem"));
+    std::fs::remove_dir(&in_the_way).unwrap();
+    written().expect("one without its key would sign nothing, ever");
+}
+
+#[test]
+fn a_services_user_has_a_unit_for_each_of_its_cells() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "router = \"router.example:7447\"\ncells = [\"line-1\", \"line-2\", \"hall\"]\n[pools]\nrack = [\"line-1\", \"line-2\"]\n\
+                [users.motion]\nrole = \"service\"\nservice = \"motion\"\n\
+                [users.planner]\nrole = \"service\"\nservice = \"planner\"\ncells = [\"rack\"]\n";
+    write(&Roles::parse(text).unwrap(), folder.path(), Path::new("/etc/repose")).unwrap();
+    let units = folder.path().join("units");
+    let run = |name: &str| {
+        let text = std::fs::read_to_string(units.join(name)).unwrap();
+        text.lines().find_map(|line| line.strip_prefix("ExecStart=/usr/bin/repose serve ")).unwrap().to_owned()
+    };
+    let config = "--config /etc/repose/users/motion/repose.toml";
+    assert_eq!(run("repose-motion.service"), format!("motion {config}"), "its configuration names the first");
+    assert_eq!(run("repose-motion.line-2.service"), format!("motion --cell line-2 --pool rack {config}"));
+    // Its configuration names the pool of the first cell, and this one has none.
+    assert_eq!(run("repose-motion.hall.service"), format!("motion --cell hall --pool hall {config}"));
+    assert_eq!(run("repose-planner.service"), "planner --config /etc/repose/users/planner/repose.toml");
+    assert_eq!(std::fs::read_dir(&units).unwrap().count(), 5, "and the router's");
 }
