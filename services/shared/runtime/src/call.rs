@@ -88,7 +88,7 @@ pub trait Handler: Send + Sync + 'static {
     async fn call(&self, call: Call) -> Result<Payload, CallError>;
 
     /// Methods whose effect must not happen twice: the same id again gets the same outcome, with a different payload
-    /// `failed_precondition`.
+    /// `failed_precondition`. An error that is `retryable` says that nothing has happened: the same id again is a new call.
     fn at_most_once(&self, _method: &str) -> bool {
         false
     }

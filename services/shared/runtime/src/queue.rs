@@ -198,6 +198,7 @@ impl<R: Send + 'static, T: Send + 'static> BatchQueue<R, T> {
         let (reply, answer) = oneshot::channel();
         let mut state = self.shared.state();
         let QueueSettings { capacity, threads, .. } = self.shared.settings;
+        state.jobs.drop_abandoned();
         let displaced = state.jobs.displaced_by(context.priority, capacity);
         if let Some(why) = state.jobs.refusal(&context, capacity, threads, &self.shared.gauge) {
             state.jobs.restore(displaced);

@@ -361,6 +361,20 @@ async fn a_cell_has_no_more_jobs_waiting_and_running_than_it_may_have() {
 }
 
 #[tokio::test]
+async fn a_job_whose_caller_has_gone_takes_no_place_of_its_cell() {
+    let limit = CellShare { max_waiting: Some(1), ..CellShare::default() };
+    let (queue, release) = ordered(QueueSettings { capacity: 64, shares: shares([("a", limit)]), ..QueueSettings::default() });
+    let first = queue.submit(minute(), 0).unwrap();
+    until_running(&queue.gauge()).await;
+    drop(queue.submit(of_cell("a"), 1).unwrap());
+    let waiting = queue.submit(of_cell("a"), 1).expect("the place of one that nobody waits for");
+    assert_eq!(queue.submit(of_cell("a"), 1).err().map(|refused| refused.code), Some(ErrorCode::ResourceExhausted));
+    drop(release);
+    first.answer().await.unwrap();
+    waiting.answer().await.unwrap();
+}
+
+#[tokio::test]
 async fn a_cell_that_floods_finds_half_of_the_places_and_the_next_cell_finds_some() {
     let queue = queue(8);
     let (release, running) = block(&queue);

@@ -138,11 +138,13 @@ impl Registry {
         self.open.values().for_each(|entry| entry.cancelled.cancel());
     }
 
-    /// Ends a call, and remembers its outcome if it is to happen at most once.
+    /// Ends a call, and remembers its outcome if it is to happen at most once. Not a refusal that may be tried again: nothing has happened, and whoever
+    /// tries again, which at the same worker takes the same id, is not to hear the old refusal.
     pub fn finish(&mut self, id: &str, outcome: CallResult, at_most_once: bool) {
         let Some(entry) = self.open.remove(id) else { return };
+        let is_final = !outcome.as_ref().is_err_and(|error| error.retryable);
         entry.outcome.send_replace(Some(outcome));
-        if !at_most_once || self.outcomes_kept == 0 {
+        if !at_most_once || !is_final || self.outcomes_kept == 0 {
             return;
         }
         if self.kept_order.len() >= self.outcomes_kept
@@ -177,6 +179,8 @@ impl Fingerprint {
 
 #[cfg(test)]
 mod tests {
+    use repose_proto::ErrorCode;
+
     use super::*;
 
     fn payload(text: &'static str) -> Payload {
@@ -246,6 +250,21 @@ mod tests {
         assert!(matches!(admit(&mut registry, "a", "1"), Admission::Compute { .. }));
         assert!(matches!(admit(&mut registry, "c", "1"), Admission::Join { .. }));
         assert!(matches!(admit(&mut registry, "c", "2"), Admission::Conflict));
+    }
+
+    #[tokio::test]
+    async fn a_refusal_that_may_be_tried_again_is_not_kept_and_any_other_end_is() {
+        let mut registry = Registry::new(4, 4);
+        let refusal = CallError::new(ErrorCode::Unavailable, "not now");
+        let unknown = CallError { retryable: false, ..refusal.clone() };
+        for (id, error) in [("a", refusal), ("b", unknown)] {
+            assert!(matches!(admit(&mut registry, id, "1"), Admission::Compute { .. }));
+            let Admission::Join { outcome } = admit(&mut registry, id, "1") else { panic!("expected to join") };
+            registry.finish(id, Err(error.clone()), true);
+            assert_eq!(*outcome.borrow(), Some(Err(error)), "whoever waits for it hears of it all the same");
+        }
+        assert!(matches!(admit(&mut registry, "a", "1"), Admission::Compute { .. }));
+        assert!(matches!(admit(&mut registry, "b", "1"), Admission::Join { .. }));
     }
 
     #[tokio::test]

@@ -99,10 +99,6 @@ impl<R, T> WaitingJobs<R, T> {
 
     /// The youngest batch job, where an interactive one needs its place.
     pub(crate) fn displaced_by(&mut self, priority: Priority, capacity: usize) -> Option<Job<R, T>> {
-        if self.waiting() >= places(capacity, priority) {
-            // Those nobody waits for make room first.
-            self.drop_abandoned();
-        }
         match (self.waiting() >= places(capacity, priority), priority) {
             (true, Priority::Interactive) => self.batch.pop_last(),
             _ => None,
@@ -192,8 +188,8 @@ impl<R, T> WaitingJobs<R, T> {
         self.running.finish(cell);
     }
 
-    /// Forgets those nobody waits for.
-    fn drop_abandoned(&mut self) {
+    /// Forgets those nobody waits for: they take no place, of all or of their cell, and no time from those behind them.
+    pub(crate) fn drop_abandoned(&mut self) {
         for line in [&mut self.interactive, &mut self.batch] {
             drop(line.remove_where(|job| !job.reply.is_awaited()));
         }

@@ -11,8 +11,8 @@ impl Caller {
     /// have to wait for a first worker.
     ///
     /// # Errors
-    /// When nobody has a result: `resource_exhausted` if anyone was too busy to say, else `not_found` if anyone said so, otherwise the last error;
-    /// `unavailable` when nobody is alive. `cancelled`, and those of a call's deadline.
+    /// When nobody has a result: `resource_exhausted` if anyone was too busy to say, else `unavailable` or `deadline_exceeded` if anyone did not answer,
+    /// else `not_found` if anyone said so, otherwise the last error; `unavailable` also when nobody is alive. `cancelled`, and those of a call's deadline.
     pub async fn call_any(&self, method: &str, payload: &Payload, options: &CallOptions) -> Result<Answer, CallError> {
         let deadline = deadline_of(options)?;
         self.wait_for_any(deadline, options).await?;
@@ -25,15 +25,15 @@ impl Caller {
                 self.call(method, payload.clone(), options)
             })
             .collect();
-        let mut worst = CallError::new(ErrorCode::Unavailable, format!("no worker of {} answered", self.inner.target));
+        let mut worst: Option<CallError> = None;
         while let Some(ended) = futures::StreamExt::next(&mut calls).await {
             match ended {
                 Ok(answer) => return Ok(answer),
-                Err(error) if weight(&error) >= weight(&worst) => worst = error,
+                Err(error) if worst.as_ref().is_none_or(|worst| weight(&error) >= weight(worst)) => worst = Some(error),
                 Err(_) => {}
             }
         }
-        Err(worst)
+        Err(worst.unwrap_or_else(|| CallError::new(ErrorCode::Unavailable, format!("no worker of {} answered", self.inner.target))))
     }
 
     /// Waits for a first worker as a call does: `worker_wait_ms`, and through an outage of the router. Whoever asks all of them needs to know none's load,
@@ -47,10 +47,12 @@ impl Caller {
     }
 }
 
-/// How much an error says of what is asked for. Whoever is too busy may hold it, though all others do not.
+/// How much an error says of what is asked for. Whoever is too busy, or does not answer, may hold it, though all others do not; one that is too busy
+/// says so when it is asked again.
 fn weight(error: &CallError) -> u8 {
     match error.code {
-        ErrorCode::ResourceExhausted => 2,
+        ErrorCode::ResourceExhausted => 3,
+        ErrorCode::Unavailable | ErrorCode::DeadlineExceeded => 2,
         ErrorCode::NotFound => 1,
         _ => 0,
     }

@@ -1,5 +1,5 @@
-//! Asking every worker while there is none yet: the wait is part of the deadline, and ends where the caller gives up. On the fake network, whose clock
-//! jumps.
+//! Asking every worker: while there is none yet the wait is part of the deadline, and ends where the caller gives up; and one that does not answer counts
+//! for more than another that has nothing. On the fake network, whose clock jumps.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -48,4 +48,19 @@ async fn whoever_gives_up_waits_for_no_first_worker() {
     let ((code, took), ()) = tokio::join!(ended(&caller, "echo", &options), giving_up);
     assert_eq!(code, ErrorCode::Cancelled);
     assert!(took <= Duration::from_millis(310), "{took:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn that_one_worker_has_nothing_does_not_say_it_of_one_that_does_not_answer() {
+    let network = FakeNetwork::new(FakeSettings::default());
+    let mut servers = Vec::new();
+    for node in ["empty", "silent"] {
+        servers.push(session(&network, node).start(SERVICE, Arc::new(Oddities::default())).await.unwrap());
+    }
+    let caller = session(&network, "caller").caller(SERVICE).await.unwrap();
+    caller.wait_for_workers(2, Duration::from_secs(10)).await.unwrap();
+    let options = CallOptions::within(Duration::from_secs(3));
+    assert_eq!(ended(&caller, "refuse", &options).await.0, ErrorCode::NotFound);
+    network.stop("silent");
+    assert_eq!(ended(&caller, "refuse", &options).await.0, ErrorCode::DeadlineExceeded);
 }

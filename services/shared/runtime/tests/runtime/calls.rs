@@ -268,6 +268,24 @@ async fn the_same_id_is_computed_once_and_a_different_request_under_it_refused()
     assert_eq!(handler.started.load(std::sync::atomic::Ordering::SeqCst), 1);
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_refused_for_now_can_be_asked_again_under_the_same_id() {
+    let network = Network::embedded(RuntimeConfig::default()).await;
+    let handler = Arc::new(Oddities::default());
+    let _worker = network.worker(&handler).await;
+    let caller = network.caller(1).await;
+    let execute = || {
+        let options = CallOptions { id: Some("later".to_owned()), ..CallOptions::at_most_once(Duration::from_secs(5)) };
+        caller.call("execute-later", word("a"), options)
+    };
+    let refused = execute().await.unwrap_err();
+    assert!(refused.code == ErrorCode::Unavailable && refused.retryable, "{refused}");
+    for _ in 0..2 {
+        assert_eq!(read(&execute().await.unwrap().payload), "a");
+    }
+    assert_eq!(handler.started.load(std::sync::atomic::Ordering::SeqCst), 2, "what came of it in the end is kept");
+}
+
 /// Sends an attachment as it is and returns the terminal reply's attachment and error.
 async fn raw(session: &Session, worker: &str, attachment: &'static [u8]) -> (ReplyAttachment, repose_proto::CallError) {
     let key = session.cell().call(SERVICE, worker);

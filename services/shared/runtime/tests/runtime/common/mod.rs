@@ -93,6 +93,8 @@ impl Handler for Oddities {
                 tokio::time::sleep(Duration::from_millis(self.work_ms)).await;
                 Ok(word(&read(&call.payload)))
             }
+            "execute-later" if self.started.load(Ordering::SeqCst) == 1 => Err(CallError::new(ErrorCode::Unavailable, "not yet")),
+            "execute-later" => Ok(word(&read(&call.payload))),
             "held" => {
                 self.release.notified().await;
                 Ok(word("released"))
