@@ -1,5 +1,8 @@
 //! The command line on a small frame made here: results, exit codes, and errors that name the field or file.
 
+#[path = "commands/settings.rs"]
+mod settings;
+
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
@@ -212,6 +215,29 @@ fn bad_input_exits_with_2_and_names_what_is_wrong() {
 }
 
 #[test]
+fn a_command_line_that_cannot_be_read_is_refused_in_the_document_too() {
+    let cases: [(&[&str], &str); 4] = [
+        (&["--json", "place", "--move", "x", "--goal", "near:2"], "move"),
+        (&["place", "--move", "1", "--json"], "goal"),
+        (&["segment", "frame", "--json", "--no-such"], "no-such"),
+        (&["--json", "plaice"], "command"),
+    ];
+    for (arguments, field) in cases {
+        let output = repose(arguments);
+        let (code, message) = ended(&output);
+        assert!(code == Some(2) && message.contains("--help"), "{arguments:?}: {message}");
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+        let error = &document["error"];
+        assert_eq!((error["code"].as_str(), error["field"].as_str()), (Some("invalid_argument"), Some(field)), "{document}");
+        assert!(error["message"].as_str().is_some_and(|words| !words.is_empty() && !words.contains('\n')), "{document}");
+    }
+    let without = repose(&["place", "--move", "x", "--goal", "near:2"]);
+    assert!(without.status.code() == Some(2) && without.stdout.is_empty());
+    let help = repose(&["place", "--json", "--help"]);
+    assert!(help.status.success() && String::from_utf8_lossy(&help.stdout).contains("Usage:"), "help is no error");
+}
+
+#[test]
 fn an_error_that_nobody_reads_has_its_exit_code_all_the_same() {
     // As in `repose … | true`: the reader has gone before anything is written.
     let unread = || {
@@ -339,50 +365,6 @@ fn a_bridge_without_a_ros_router_names_its_own_session() {
     router.kill().and_then(|()| router.wait()).expect("it ends");
     let message = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(1) && message.contains("[ros2.session]") && message.contains("rmw_zenohd"), "{message}");
-}
-
-#[test]
-fn commands_on_a_frame_read_the_environment_as_the_services_do() {
-    let folder = folder_with(&frame());
-    let transforms = folder.path().join("transforms.json");
-    std::fs::write(&transforms, serde_json::json!([RigidTransform::IDENTITY]).to_string()).expect("written");
-    let (frame, transforms) = (path(&folder), transforms.to_str().expect("a plain path"));
-    let plan = ["plan", frame, "--move", "1", "--goal", "right_of:2", "--variant", "geometric"];
-    let commands: [&[&str]; 6] = [
-        &["segment", frame],
-        &plan,
-        &["arrange", frame, "--goal", "1=right_of:2", "--variant", "geometric"],
-        &["relations", frame],
-        &["score", frame, "--move", "1", "--anchor", "2", "--transforms", transforms],
-        &["bench", "perception", frame, "--runs", "1"],
-    ];
-    let says = |variable: (&str, &str), arguments: &[&str]| ended(&repose_in(&[variable], arguments));
-    for arguments in commands {
-        let (code, message) = says(("REPOSE_PERCEPTION__SEGMENTATION__MAX_DEPTH_M", "0.5"), arguments);
-        assert!(code == Some(2) && message.contains("between 0 and 0.5 m"), "{arguments:?}: {message}");
-    }
-    for (field, value) in [("MAX_DEPTH_M", "-4"), ("MAX_DEPTH_M", "nan"), ("MAX_POINTS", "0")] {
-        let variable = format!("REPOSE_PERCEPTION__SEGMENTATION__{field}");
-        let (code, message) = says((variable.as_str(), value), commands[0]);
-        let named = format!("perception.segmentation.{}", field.to_lowercase());
-        assert!(code == Some(2) && message.contains(&named), "{field}={value}: {message}");
-    }
-    let (code, message) = says(("REPOSE_PLANNER__ROBOT", "nobody"), &plan);
-    assert!(code == Some(2) && message.contains("nobody is not among robots"), "{message}");
-    let (code, message) = says(("REPOSE_PERCEPTION__SEGMENTATION__LEARNED__ENABELD", "false"), commands[0]);
-    assert!(code == Some(2) && message.contains("enabeld"), "{message}");
-}
-
-#[test]
-fn a_misspelt_section_of_the_environment_is_an_error_and_so_is_a_misspelt_field() {
-    let folder = folder_with(&frame());
-    let says = |name: &str| ended(&repose_in(&[(name, "3")], &["--json", "segment", path(&folder)]));
-    let (code, message) = says("REPOSE_PLANER__THREADS");
-    assert!(code == Some(2) && message.contains("REPOSE_PLANER__THREADS") && message.contains("REPOSE_PLANNER__"), "{message}");
-    let (code, message) = says("REPOSE_PLANNER__THREDS");
-    assert!(code == Some(2) && message.contains("threds"), "{message}");
-    let (code, message) = says("REPOSE_PORT");
-    assert!(code == Some(0) && message.contains("REPOSE_PORT"), "an orchestrator may have set it: {message}");
 }
 
 #[test]

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_proto::motion::KeepOutZone;
+use repose_proto::place::ReachingRobot;
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service, keys};
 use repose_runtime::{
@@ -172,6 +173,14 @@ pub async fn robot_state(session: &Session, robot: &str, within: Duration) -> Re
             told => return Ok(told?),
         }
     }
+}
+
+/// The robot within whose reach placements are wanted, where there is one, with where its base stands as it tells; where it does not tell, the
+/// planner's configuration may.
+pub async fn reaching(session: &Session, robot: Option<&str>, within: Duration) -> Option<ReachingRobot> {
+    let name = robot?.to_owned();
+    let told = robot_state(session, &name, within.min(PATIENCE)).await;
+    Some(ReachingRobot { name, world_from_base: told.ok().and_then(|state| state.world_from_base) })
 }
 
 /// The newest scene of a camera, from the perception worker that owns it. A camera without a scene is waited for

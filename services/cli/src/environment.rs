@@ -1,8 +1,7 @@
 //! The environment variables that Repose reads: a misspelt one is an error, as a misspelt field of a configuration file is.
 
-use repose_runtime::SECTIONS;
+use repose_runtime::{RuntimeConfig, SECTIONS};
 
-use crate::client::{SystemArgs, client_config};
 use crate::failure::Failure;
 use crate::services::ServiceConfigs;
 
@@ -22,9 +21,9 @@ pub fn check() -> Result<(), Failure> {
     }
     settings.iter().try_for_each(|name| has_section(name).map_err(|why| Failure::bad_input(name, why)))?;
     if !settings.is_empty() {
-        // Every section refuses fields that it does not have.
-        client_config(&SystemArgs { connect: None, cell: None, pool: None, config: None })?;
-        ServiceConfigs::load(None)?;
+        // Every section refuses fields that it does not have. Whether values are good is judged where they are used, with those of a file.
+        RuntimeConfig::read(None)?;
+        ServiceConfigs::read(None)?;
     }
     Ok(())
 }

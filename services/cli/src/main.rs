@@ -25,6 +25,7 @@ mod services;
 mod terminal;
 #[cfg(test)]
 mod testing;
+mod usage;
 mod values;
 mod wish;
 
@@ -114,7 +115,10 @@ fn command_line() -> clap::Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::from_arg_matches(&command_line().get_matches()).unwrap_or_else(|error| error.exit());
+    let cli = match command_line().try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches)) {
+        Ok(cli) => cli,
+        Err(said) => return usage::print(&said),
+    };
     repose_runtime::start_logging("warn,zenoh=error,repose=info");
     match environment::check().and_then(|()| run(&cli)) {
         Ok(()) => ExitCode::SUCCESS,

@@ -28,6 +28,11 @@ impl Output {
     /// Tells of an error: in words on standard error, and with `--json` in the document. Where nobody reads either, the exit code still tells.
     pub fn print_error(self, error: &CallError) {
         let _unread = writeln!(std::io::stderr(), "error: {}", sentence(error));
+        self.print_error_document(error);
+    }
+
+    /// The same where the words are said already.
+    pub fn print_error_document(self, error: &CallError) {
         if self.json {
             let _unread = line(&serde_json::json!({"error": error}).to_string());
         }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
 
-use repose_runtime::FORMAT_VARIABLE;
+use repose_runtime::{FORMAT_VARIABLE, TelemetryConfig, load_config};
 use tokio::io::{AsyncBufReadExt, BufReader};
 use tokio::process::{Child, ChildStderr, ChildStdin, Command};
 use tokio::task::JoinHandle;
@@ -14,11 +14,17 @@ use crate::failure::Failure;
 
 /// A service, or the router, as a process of this program that ends with this one, however this one ends: it drains when its standard input ends,
 /// which this process holds open. (Linux's parent-death signal comes when the *thread* that started a process ends, and threads of a runtime do.)
+///
+/// Where its configuration has it tell its health at some port, it does so at one that is free, for it is not the only one with that configuration.
 pub fn service_process(endpoint: &str, cell: &str, config: Option<&Path>, what: &str) -> Result<Command, Failure> {
     let mut command = Command::new(std::env::current_exe().map_err(Failure::other)?);
     command.args(["serve", what, "--until-stdin-ends", "--connect", endpoint, "--cell", cell]);
     if let Some(config) = config {
         command.arg("--config").arg(config);
+    }
+    let telemetry: TelemetryConfig = load_config("telemetry", config)?;
+    if let Some((host, _)) = telemetry.listen.as_deref().and_then(|listen| listen.rsplit_once(':')) {
+        command.env("REPOSE_TELEMETRY__LISTEN", format!("{host}:0"));
     }
     command.stdin(Stdio::piped()).stdout(Stdio::null()).kill_on_drop(true);
     // A terminal's Ctrl-C would reach the whole group; the processes are told one by one instead, so that they drain.
@@ -63,5 +69,24 @@ async fn relabel(log: ChildStderr, name: String) {
         let label = if is_json { String::new() } else { format!("{name:<NAME_WIDTH$} ") };
         // Where nobody reads the log any more, the process goes on.
         let _unread = writeln!(std::io::stderr(), "{label}{line}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn processes_of_one_configuration_each_tell_their_health_at_a_port_of_their_own() {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        let listens_at = |text: &str| {
+            std::fs::write(file.path(), text).expect("written");
+            let command = service_process("tcp/127.0.0.1:7447", "cell", Some(file.path()), "planner").expect("a command");
+            let mut set = command.as_std().get_envs().filter(|(name, _)| *name == "REPOSE_TELEMETRY__LISTEN");
+            set.next().and_then(|(_, value)| value?.to_str().map(str::to_owned))
+        };
+        assert_eq!(listens_at("[telemetry]\nlisten = \"10.0.0.1:9464\"\n").as_deref(), Some("10.0.0.1:0"));
+        assert_eq!(listens_at("[telemetry]\nlisten = \"[::1]:9464\"\n").as_deref(), Some("[::1]:0"));
+        assert_eq!(listens_at(""), None, "nobody asked for it");
     }
 }

@@ -1,5 +1,7 @@
 //! `repose place … --execute --then …`: wishes achieved one after another, each planned on a fresh view of what the one before has left.
 
+use std::time::Duration;
+
 use repose_executive::sequence::{GoalStep, Sequence};
 use repose_proto::{CallError, PlaceRequest};
 use repose_runtime::Session;
@@ -71,12 +73,14 @@ struct Achieved {
 
 /// The results of the wishes; an error where nothing was tried.
 async fn achieve(args: &Wishes<'_>, session: &Session) -> Result<Achieved, Failure> {
+    let within = Duration::from_millis(args.connect.deadline_ms);
+    let reaching = client::reaching(session, args.wish.reach_of.as_deref(), within).await;
     let site = Terminal::of(session, args.connect, args.robot).await?;
     let mut sequence = Sequence::begin(site, None, args.attempts as usize).await?;
     let (scene_id, scene) = sequence.view();
     let (first, said) = args.wish.on(scene)?;
     let wishes = std::iter::once(&first).chain(args.then);
-    let goals: Vec<PlaceRequest> = wishes.map(|wish| args.wish.request(scene_id.clone(), wish)).collect();
+    let goals: Vec<PlaceRequest> = wishes.map(|wish| args.wish.request(scene_id.clone(), wish, reaching.clone())).collect();
     let ended = sequence.achieve(&goals, |_| {}).await;
     match ended {
         // Nothing has moved.

@@ -33,16 +33,21 @@ pub struct ServiceConfigs {
 impl ServiceConfigs {
     /// Reads the sections of a file, where one is given, and the environment over them.
     pub fn load(file: Option<&Path>) -> Result<Self, Failure> {
-        let configs = Self {
+        let configs = Self::read(file)?;
+        configs.validate()?;
+        Ok(configs)
+    }
+
+    /// The same, unchecked but for fields that there are not, and values that their fields cannot have.
+    pub fn read(file: Option<&Path>) -> Result<Self, Failure> {
+        Ok(Self {
             perception: load_config("perception", file)?,
             inference: load_config("inference", file)?,
             planner: load_config("planner", file)?,
             motion: load_config("motion", file)?,
             simulator: load_config("simulator", file)?,
             console: load_config("console", file)?,
-        };
-        configs.validate()?;
-        Ok(configs)
+        })
     }
 
     /// Checks what the types cannot and what needs no network to be checked.

@@ -71,8 +71,8 @@ impl WishArgs {
         Ok((wish, None))
     }
 
-    /// The request for a wish on a scene.
-    pub fn request(&self, scene_id: String, wish: &NextWish) -> PlaceRequest {
+    /// The request for a wish on a scene; `reaching` is the robot of `reach_of` with where its base stands, as far as that is known.
+    pub fn request(&self, scene_id: String, wish: &NextWish, reaching: Option<ReachingRobot>) -> PlaceRequest {
         PlaceRequest {
             view_yaw_rad: self.view_yaw,
             count: self.count,
@@ -81,7 +81,7 @@ impl WishArgs {
             variant: self.variant,
             min_clearance_m: self.min_clearance,
             min_success: self.min_success,
-            robot: self.reach_of.clone().map(|name| ReachingRobot { name, world_from_base: None }),
+            robot: reaching,
             budget: Budget { iterations: self.iterations, batch: self.batch, ..Budget::default() },
             ..PlaceRequest::new(scene_id, wish.query, wish.goal.clone())
         }

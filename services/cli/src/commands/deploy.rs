@@ -88,7 +88,6 @@ fn write(args: &DeployArgs, path: &Path, out: &Path, output: Output) -> CommandR
     let (roles, text) = read(path)?;
     let group = args.group.as_deref().map(Group::named).transpose()?;
     let at = std::path::absolute(out).map_err(|e| Failure::bad_input("out", e))?;
-    let failed = |e: deployment::Failed| Failure::bad_input(&e.path.display().to_string(), e.message);
     let installed_at = args.installed_at.as_deref().unwrap_or(&at);
     let written = deployment::write(&roles, &at, installed_at).map_err(failed)?;
     group.map_or(Ok(()), |group| group.may_read(&written, &at)).map_err(failed)?;
@@ -105,6 +104,10 @@ fn write(args: &DeployArgs, path: &Path, out: &Path, output: Output) -> CommandR
             if group.is_some() { "" } else { UNREADABLE },
         )
     })
+}
+
+fn failed(e: deployment::Failed) -> Failure {
+    Failure::bad_input(&e.path.display().to_string(), e.message)
 }
 
 /// What is said where nobody but whoever wrote the secrets reads them.
@@ -125,11 +128,12 @@ async fn check(args: &CheckArgs, output: Output) -> CommandResult {
 
 /// A router with the deployment's configuration, as a process of its own on a port that is free; and where it is.
 fn router_apart(files: &TrialFiles) -> Result<(Child, String), Failure> {
+    let config = files.router().map_err(failed)?;
     let address = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).map_err(Failure::other)?;
     let endpoint = format!("quic/{address}");
     let mut router = service_process(&endpoint, "check", None, "router")?;
     // What it refuses is in the report; in its log it would be said a second time.
-    router.env("REPOSE_SESSION__ZENOH_FILE", files.router()).stderr(Stdio::null());
+    router.env("REPOSE_SESSION__ZENOH_FILE", config).stderr(Stdio::null());
     Ok((router.spawn().map_err(Failure::other)?, endpoint))
 }
 

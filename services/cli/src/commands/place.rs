@@ -71,12 +71,8 @@ pub async fn run(args: &PlaceArgs, output: Output) -> CommandResult {
             args.wish.on(&scene)?
         }
     };
-    let mut request = args.wish.request(scene_id, &wish);
-    if let Some(robot) = &mut request.robot {
-        // Where it does not tell, the planner's configuration may.
-        let told = client::robot_state(&session, &robot.name, deadline.min(client::PATIENCE)).await;
-        robot.world_from_base = told.ok().and_then(|state| state.world_from_base);
-    }
+    let reaching = client::reaching(&session, args.wish.reach_of.as_deref(), deadline).await;
+    let request = args.wish.request(scene_id, &wish, reaching);
     request.validate()?;
     let planner = session.caller(Service::Planner).await?;
     let (sender, mut progress) = mpsc::channel::<repose_proto::Payload>(PROGRESS_WAITING);

@@ -8,6 +8,7 @@ use repose_evaluation::report::written::{FileError, can_write, write_picture};
 use repose_local::picture::before_and_after;
 use repose_local::{LocalModels, ModelFiles};
 use repose_proto::motion::{Grasp, MotionPlan, MotionPlanRequest};
+use repose_proto::place::ReachingRobot;
 use repose_proto::{Frame, PlaceRequest, PlaceResult, RobotInView, Scene};
 use repose_sentences::placement::center_of;
 
@@ -58,10 +59,9 @@ pub fn run(args: &PlanArgs, output: Output) -> CommandResult {
     }
     let scene = Arc::new(repose_local::scene_of(&frame)?);
     let (wish, said) = args.wish.on(&scene)?;
-    let mut request = args.wish.request(scene.id(), &wish);
-    if let Some(robot) = &mut request.robot {
-        robot.world_from_base = frame.robots.iter().find(|r| r.name == robot.name).map(|r| r.world_from_base);
-    }
+    let in_frame = |name: &String| frame.robots.iter().find(|robot| robot.name == *name).map(|robot| robot.world_from_base);
+    let reaching = args.wish.reach_of.as_ref().map(|name| ReachingRobot { name: name.clone(), world_from_base: in_frame(name) });
+    let mut request = args.wish.request(scene.id(), &wish, reaching);
     repose_local::configured::robots()?.complete(&mut request.robot);
     if let Some(robot) = request.robot.as_ref().filter(|robot| robot.world_from_base.is_none()) {
         return Err(Failure::bad_input("reach-of", format!("the frame has no robot.json with robot {}", robot.name)));

@@ -6,10 +6,11 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_evaluation::report::text::table;
+use repose_perception::PerceptionConfig;
 use repose_proto::Service;
 use repose_proto::load::WorkerLoad;
 use repose_proto::robot::RobotState;
-use repose_runtime::{CertificateExpiry, Session, Shutdown, certificates_in_use};
+use repose_runtime::{CertificateExpiry, Session, Shutdown, certificates_in_use, load_config};
 use serde_json::{Value, json};
 
 use crate::cell_survey::{CameraHeard, CellListener, CellSurvey, Received, WorkerName, listed};
@@ -22,6 +23,8 @@ use crate::output::Output;
 const SILENT: Duration = Duration::from_secs(1);
 /// A camera whose newest scene is older is said to stand still.
 const STALE: Duration = Duration::from_secs(3);
+/// A stream whose newest scene is older than so many of perception's idle periods becomes none: one of them is there while nobody asks.
+const IDLE_PERIODS: u32 = 3;
 
 /// Arguments of `status`.
 #[derive(Debug, Args)]
@@ -53,6 +56,8 @@ pub async fn run(args: &StatusArgs, output: Output) -> CommandResult {
 
 async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output: Output) -> CommandResult {
     let within = Duration::from_secs_f64(args.seconds);
+    // Whatever else is in that section is its service's to judge.
+    let perception: PerceptionConfig = load_config("perception", args.system.config.as_deref()).unwrap_or_default();
     let mut observer = CellListener::new(session).await?;
     let mut heard = CellSurvey::default();
     loop {
@@ -66,6 +71,7 @@ async fn watch(args: &StatusArgs, session: &Session, shutdown: &Shutdown, output
             pool: session.pool(),
             is_user: session.is_user(),
             seconds: args.seconds,
+            idle_period: Duration::from_millis(perception.idle_period_ms),
             certificates: certificates_in_use(),
         };
         let is_read = output.print_more(&status.document(), || {
@@ -105,6 +111,8 @@ struct Status<'a> {
     is_user: bool,
     /// How long was listened.
     seconds: f64,
+    /// How often perception makes a scene of a stream that nobody asks about.
+    idle_period: Duration,
     /// When the certificates expire that this session uses.
     certificates: Vec<CertificateExpiry>,
 }
@@ -208,11 +216,13 @@ impl Status<'_> {
     fn wrong(&self) -> Vec<String> {
         let heard = self.heard;
         let expiring = self.certificates.iter().filter_map(CertificateExpiry::warning);
-        let alive = |service: Service| heard.workers.iter().filter(move |(name, _)| name.service == service);
         let mut wrong: Vec<String> = [Service::Perception, Service::Inference, Service::Planner, Service::Motion]
             .into_iter()
-            .filter(|service| alive(*service).next().is_none())
-            .map(|service| format!("no {service} worker is alive"))
+            .filter(|service| self.called(*service).next().is_none())
+            .map(|service| match self.pool_of(service) {
+                Some(pool) => format!("no {service} worker of the pool {pool} is alive"),
+                None => format!("no {service} worker is alive"),
+            })
             .collect();
         for (name, load) in &heard.workers {
             let (service, worker) = (name.service, self.worker(name));
@@ -236,7 +246,7 @@ impl Status<'_> {
             wrong.push(format!("workers are of several versions: {}", Vec::from_iter(versions).join(", ")));
         }
         let mut weights: BTreeMap<&str, usize> = BTreeMap::new();
-        for load in alive(Service::Inference).filter_map(|(_, load)| load.as_ref()) {
+        for load in self.called(Service::Inference).filter_map(|(_, load)| load.as_ref()) {
             *weights.entry(load.newest.weights_hash.as_str()).or_default() += 1;
         }
         if weights.len() > 1 {
@@ -252,6 +262,10 @@ impl Status<'_> {
         }
         let silent = heard.cameras.iter().filter_map(|(name, camera)| Some((name, camera.silent(heard).filter(|silent| *silent > STALE)?)));
         wrong.extend(silent.map(|(name, silent)| format!("camera {name} has shown nothing for {:.1} s", silent.as_secs_f64())));
+        wrong.extend(heard.cameras.iter().filter_map(|(name, camera)| self.without_scenes(name, camera)));
+        if heard.robots.is_empty() && self.called(Service::Motion).next().is_some() {
+            wrong.push("no robot told its state while this was listened to".to_owned());
+        }
         for (name, robot) in &heard.robots {
             if let Some(stop) = &robot.newest.stop {
                 wrong.push(format!(
@@ -266,6 +280,29 @@ impl Status<'_> {
         wrong.extend(wrong_with(&self.clocks()));
         wrong.extend(expiring);
         wrong
+    }
+
+    /// The pool that calls of a service go to, in place of the cell.
+    fn pool_of(&self, service: Service) -> Option<&str> {
+        self.pool.filter(|_| service.is_poolable())
+    }
+
+    /// The workers of a service that calls go to: where a pool serves the cell, none of the cell's own.
+    fn called(&self, service: Service) -> impl Iterator<Item = (&WorkerName, &Option<Received<WorkerLoad>>)> {
+        let home = self.pool_of(service).unwrap_or(self.cell);
+        self.heard.workers.iter().filter(move |(name, _)| name.service == service && name.cell == home)
+    }
+
+    /// What is wrong with a camera whose frames come to perception and become no scene.
+    fn without_scenes(&self, name: &str, camera: &CameraHeard) -> Option<String> {
+        camera.told.as_ref()?;
+        camera.silent(self.heard).filter(|silent| *silent <= STALE)?;
+        let newest = match camera.newest(self.heard) {
+            Some((.., age)) if age <= STALE.max(self.idle_period * IDLE_PERIODS) => return None,
+            Some((.., age)) => format!("the newest is from {}", ago(age)),
+            None => "none was made yet".to_owned(),
+        };
+        Some(format!("camera {name} shows frames that become no scene: {newest}; perception's log says why"))
     }
 
     /// The clocks of those that were heard.
@@ -302,7 +339,30 @@ fn ago(age: Duration) -> String {
 
 #[cfg(test)]
 mod tests {
+    use repose_proto::load::{CameraLoad, NewestSceneLoad};
+    use tokio::time::Instant;
+
     use super::*;
+
+    fn status<'a>(heard: &'a CellSurvey, pool: Option<&'a str>) -> Status<'a> {
+        let idle_period = Duration::from_secs(10);
+        Status { heard, cell: "cell", pool, is_user: false, seconds: 1.0, idle_period, certificates: Vec::new() }
+    }
+
+    fn received<T: Clone>(newest: T) -> Received<T> {
+        let at = Instant::now();
+        Received { first: newest.clone(), first_at: at, newest, at, count: 1, lag_ms: None }
+    }
+
+    fn add_worker(heard: &mut CellSurvey, cell: &str, service: Service, weights: &str) {
+        let name = WorkerName { service, cell: cell.to_owned(), worker: format!("{service}-{}", heard.workers.len()) };
+        heard.workers.insert(name, Some(received(WorkerLoad { weights_hash: weights.to_owned(), ..WorkerLoad::default() })));
+    }
+
+    /// Whether something that is said to be wrong has these words.
+    fn says(status: &Status<'_>, words: &str) -> bool {
+        status.wrong().iter().any(|sentence| sentence.contains(words))
+    }
 
     #[test]
     fn certificates_that_have_expired_are_wrong_whatever_else_is_seen() {
@@ -311,11 +371,53 @@ mod tests {
         let heard = CellSurvey::default();
         for is_user in [true, false] {
             let certificates = vec![old.clone(), good.clone()];
-            let status = Status { heard: &heard, cell: "cell", pool: None, is_user, seconds: 1.0, certificates };
+            let status = Status { is_user, certificates, ..status(&heard, None) };
             let said = status.wrong().into_iter().filter(|sentence| sentence.contains("anna/"));
             assert_eq!(said.collect::<Vec<_>>(), ["the certificate anna/certificate.pem has expired, on 1970-01-01"]);
             assert_eq!(status.document()["certificates"][1]["expires_on"], "9999-12-31");
         }
+    }
+
+    #[test]
+    fn a_robot_is_missed_where_somebody_would_move_it() {
+        let mut heard = CellSurvey::default();
+        assert!(!says(&status(&heard, None), "no robot"));
+        add_worker(&mut heard, "cell", Service::Motion, "");
+        assert!(says(&status(&heard, None), "no robot told its state while this was listened to"));
+    }
+
+    #[test]
+    fn workers_of_the_cell_do_not_stand_in_for_those_of_its_pool() {
+        let mut heard = CellSurvey::default();
+        for service in [Service::Planner, Service::Inference] {
+            add_worker(&mut heard, "cell", service, "0001");
+        }
+        assert!(!says(&status(&heard, None), "no planner worker"));
+        assert!(says(&status(&heard, Some("rack")), "no planner worker of the pool rack is alive"));
+        add_worker(&mut heard, "rack", Service::Planner, "");
+        add_worker(&mut heard, "rack", Service::Inference, "0002");
+        assert!(!says(&status(&heard, Some("rack")), "no planner worker") && !says(&status(&heard, Some("rack")), "no inference worker"));
+        assert!(!says(&status(&heard, Some("rack")), "different weights"), "nobody calls the cell's own");
+        add_worker(&mut heard, "rack", Service::Inference, "0003");
+        assert!(says(&status(&heard, Some("rack")), "different weights: 0002 by 1, 0003 by 1"));
+        add_worker(&mut heard, "cell", Service::Perception, "");
+        assert!(!says(&status(&heard, Some("rack")), "no perception worker"), "a pool has none");
+    }
+
+    #[test]
+    fn frames_that_become_no_scene_are_said_to() {
+        let said = |frame_age_ms, newest_age_ms: Option<u64>| {
+            let of_scene = |age_ms| NewestSceneLoad { scene_id: "scene".to_owned(), objects: 0, age_ms, lag_ms: 0.0 };
+            let load = CameraLoad { camera: "front".to_owned(), frames: 100, frame_age_ms, newest: newest_age_ms.map(of_scene) };
+            let mut heard = CellSurvey::default();
+            heard.cameras.insert("front".to_owned(), CameraHeard { scenes: None, told: Some(received(load)) });
+            let wrong = status(&heard, None).wrong();
+            wrong.into_iter().find(|sentence| sentence.contains("become no scene"))
+        };
+        assert_eq!(said(100, Some(10_500)), None, "while nobody asks there is one every ten seconds");
+        assert!(said(100, Some(60_000)).is_some_and(|words| words.contains("camera front") && words.contains("60.0 s ago")));
+        assert!(said(100, None).is_some_and(|words| words.contains("none was made yet")));
+        assert_eq!(said(60_000, Some(60_000)), None, "one that shows nothing is said to show nothing");
     }
 
     #[test]
