@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use repose_pictures::jpeg;
 use repose_proto::robot::RobotState;
-use repose_proto::{CallError, ErrorCode, Frame, Payload, Scene, SceneSummary, Service, keys};
-use repose_runtime::{CallOptions, Caller, SCENE_WITHIN, Sample, Session, Subscription, fetch_newest, fetch_scene, read_robot_state};
+use repose_proto::{CallError, ErrorCode, Frame, Message as _, Payload, Scene, SceneSummary, Service, keys};
+use repose_runtime::{CallOptions, Caller, SCENE_WITHIN, Sample, Session, Subscription, fetch_newest, fetch_scene, read_robot_mode};
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
@@ -117,10 +117,13 @@ impl WatchedCell {
     /// The newest state of a robot.
     ///
     /// # Errors
-    /// `unavailable` when it has told none.
+    /// `unavailable` when it has told none, or one that no robot can be in.
     pub fn robot(&self, robot: &str) -> Result<RobotState, CallError> {
-        let silent = || CallError::new(ErrorCode::Unavailable, format!("robot {robot} does not tell its state")).at("robot");
-        locked(&self.shared.known).robots.state(robot).cloned().ok_or_else(silent)
+        let unavailable = |message| CallError::new(ErrorCode::Unavailable, message).at("robot");
+        let silent = || unavailable(format!("robot {robot} does not tell its state"));
+        let state = locked(&self.shared.known).robots.state(robot).cloned().ok_or_else(silent)?;
+        state.validate().map_err(|error| unavailable(format!("robot {robot} tells no state that can be read: {error}")))?;
+        Ok(state)
     }
 
     /// Follows one of this cell's cameras; the first by name that shows something where none is named.
@@ -287,7 +290,8 @@ impl Shared {
             }
             for sample in newest.into_values() {
                 let Some(robot) = keys::worker_of(&sample.key) else { continue };
-                if let Ok(state) = read_robot_state(&sample) {
+                // Whether it moves or is stopped is shown, and it can be stopped by its name, also beside a number that no robot can have.
+                if let Ok(state) = read_robot_mode(&sample) {
                     self.saw_robot(robot, state);
                 }
             }
@@ -298,7 +302,7 @@ impl Shared {
         if !locked(&self.known).robots.saw(robot, state.clone(), Instant::now()) {
             return;
         }
-        let links = link_poses(&world_from_base(&state), &state.q_rad);
+        let links = state.validate().is_ok().then(|| link_poses(&world_from_base(&state), &state.q_rad));
         let shown = RobotShown { robot: robot.to_owned(), state, links };
         self.audience.tell(&Topic::Robot(robot.to_owned()), &ServerMessage::Robot(Box::new(shown)).encode());
     }

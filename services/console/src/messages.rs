@@ -335,8 +335,9 @@ pub struct RobotShown {
     pub robot: String,
     /// What it says of itself.
     pub state: RobotState,
-    /// Its links.
-    pub links: LinkPoses,
+    /// Its links; none where a number of its state is one that no robot can have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub links: Option<LinkPoses>,
 }
 
 /// What is being carried out in a cell, or was last.

@@ -39,7 +39,7 @@ macro_rules! files {
 pub const INDEX: &str = include_str!("../page/index.html");
 
 /// Everything that the page loads.
-pub static FILES: [File; 26] = files! {
+pub static FILES: [File; 28] = files! {
     "css/page.css": "text/css; charset=utf-8",
     "icon.svg": "image/svg+xml",
     "js/activity.js": "text/javascript; charset=utf-8",
@@ -56,7 +56,9 @@ pub static FILES: [File; 26] = files! {
     "js/picture.js": "text/javascript; charset=utf-8",
     "js/placements.js": "text/javascript; charset=utf-8",
     "js/scene.js": "text/javascript; charset=utf-8",
+    "js/seen.js": "text/javascript; charset=utf-8",
     "js/sign_in.js": "text/javascript; charset=utf-8",
+    "js/stops.js": "text/javascript; charset=utf-8",
     "js/stored.js": "text/javascript; charset=utf-8",
     "js/system.js": "text/javascript; charset=utf-8",
     "js/theme.js": "text/javascript; charset=utf-8",

@@ -14,7 +14,7 @@ use repose_proto::place::Outcome;
 use repose_proto::{ArrangeRequest, ArrangeResult, CallError, Payload, Service};
 use repose_runtime::{Call, Handler, Traffic};
 use serde_json::{Value, json};
-use serving::{WITHIN, ask, heard, robot, socket, start};
+use serving::{WITHIN, ask, heard, robot, robot_named, socket, start};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::sync::mpsc;
@@ -136,6 +136,51 @@ async fn a_viewer_sees_the_robot_and_anybody_stops_it() {
     assert!(status == 200, "{status} {body}");
     let (status, _, body) = http(console.address, "POST", "/stop", &[], r#"{"cell": "cell", "robot": "Not A Robot"}"#).await;
     assert!(status == 400 && body.contains("\"field\":\"robot\""), "{body}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_that_names_no_robot_stops_all_of_them_also_one_whose_hand_has_failed() {
+    let console = start(ConsoleConfig::default()).await;
+    robot_named(&console.session, "left", 0.04).await;
+    robot_named(&console.session, "right", -1.0).await;
+    let (status, _, body) = http(console.address, "POST", "/stop", &[], "{}").await;
+    assert_eq!(status, 200, "{body}");
+    let answer: Value = serde_json::from_str(&body).expect("JSON");
+    for name in ["left", "right"] {
+        assert_eq!(answer["stops"][name]["kind"], "estop", "{body}");
+    }
+    // Both are told to viewers, so that the page can stop either by its name; where the links of the second are, nobody knows.
+    let mut viewer = socket(console.address, &[]).await.expect("a socket");
+    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    for (name, links) in [("left", Some(9)), ("right", None)] {
+        let shown = heard(&mut viewer, |m| m["kind"] == "robot" && m["robot"] == name).await;
+        assert_eq!((&shown["state"]["mode"], shown["links"].as_array().map(Vec::len)), (&json!("stopped"), links), "{shown}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stop_that_names_no_robot_reaches_those_that_tell_nothing_and_is_not_said_to_be_shown() {
+    let console = start(ConsoleConfig::default()).await;
+    let cell = console.session.cell();
+    let mut mute = console.session.subscribe_queue(&cell.robot_estop("mute"), 256).await.expect("a subscription");
+    let (status, _, body) = http(console.address, "POST", "/stop", &[], "{}").await;
+    assert!(status == 504 && body.contains("no robot of cell cell tells its state"), "{status} {body}");
+    assert!(mute.try_recv().is_some(), "it was put all the same");
+
+    // Of two that tell their state, one latches nothing.
+    robot(&console.session).await;
+    let deaf = console.session.publisher(cell.robot_state("deaf"), Traffic::RobotState);
+    let telling = tokio::spawn(async move {
+        let mut tick = tokio::time::interval(Duration::from_millis(10));
+        loop {
+            tick.tick().await;
+            // Who is there is known by its key, though nothing of what it tells can be read.
+            deaf.put(Payload { encoding: String::new(), bytes: Vec::new().into() }).await.expect("put");
+        }
+    });
+    let (status, _, body) = http(console.address, "POST", "/stop", &[], r#"{"cell": "cell"}"#).await;
+    telling.abort();
+    assert!(status == 504 && body.contains("robot deaf has not shown the stop") && !body.contains("panda"), "{status} {body}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -14,6 +14,16 @@ const ALIKE = { view_yaw_rad: "Left and right as", rotation: "Turning", variant:
 /** The first option that not all of the collected goals have alike. */
 const unlike = ([first, ...others]) => Object.keys(ALIKE).find((option) => others.some((goal) => goal[option] !== first[option]));
 
+/** Whether a collected goal keeps a clearance: no arrangement is asked for one. */
+const keepsClearance = (collected) => collected.some(({ min_clearance_m: clearance }) => clearance > 0);
+
+/** Why what was collected cannot be asked for together without dropping something of it. */
+function fault(collected) {
+  const option = unlike(collected);
+  if (option) return `Goals that shall hold together have one “${ALIKE[option]}”, and these have several.`;
+  return keepsClearance(collected) ? "Goals together keep no clearance: clear that option, or carry them out one after another." : undefined;
+}
+
 /** One entry an object: what was collected about one object shall all hold. */
 export function together(collected) {
   const [{ scene, view_yaw_rad, rotation, variant, seed }] = collected, goals = [];
@@ -52,9 +62,9 @@ export class Arrangement {
   /** Asks for moves after which all that was collected holds. */
   async find(collected) {
     if (!this.#may || !collected.length) return;
-    const option = unlike(collected);
-    if (option) {
-      this.#fault = { code: "invalid_argument", message: `Goals that shall hold together have one “${ALIKE[option]}”, and these have several.` };
+    const message = fault(collected);
+    if (message) {
+      this.#fault = { code: "invalid_argument", message };
       return this.render();
     }
     this.#giveUp();

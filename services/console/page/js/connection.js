@@ -153,7 +153,7 @@ export class Connection {
     this.ask("cancel", { request }).catch(() => {});
   }
 
-  /** Stops a robot; resolves when it shows the stop. */
+  /** Stops a robot, or every robot of the cell where none is named; resolves when they show the stop. */
   async stop(cell, robot, reason) {
     return post("/stop", JSON.stringify({ cell, robot, reason }));
   }

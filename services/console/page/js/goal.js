@@ -90,6 +90,16 @@ export class Goal {
     this.actions.changed();
   }
 
+  /** Takes a number that was typed. The card stays as it is: a field tells of it when it is left, and what it is left for is pressed already. */
+  #typed(name, field, number) {
+    this.options[name] = number;
+    field.value = number;
+    this.#fault = undefined;
+    this.box.querySelectorAll(".fault").forEach((fault) => fault.remove());
+    this.box.querySelectorAll(".wrong").forEach((part) => part.classList.remove("wrong"));
+    this.actions.changed();
+  }
+
   /** Whether the fault is about a field that starts so. */
   #wrong(...fields) { return fields.some((field) => this.#fault?.field?.startsWith(field)) ? " wrong" : ""; }
 
@@ -161,11 +171,11 @@ export class Goal {
   }
 
   #more() {
-    const options = this.options, set = (name, read = (v) => v) => ({ target }) => { options[name] = read(target.value); this.#changed(); };
-    const select = (name, values, label) => el("select", { id: `option-${name}`, data: { key: `option-${name}` }, onchange: set(name), "aria-label": label },
+    const options = this.options;
+    const select = (name, values, label) => el("select", { id: `option-${name}`, data: { key: `option-${name}` }, "aria-label": label, onchange: ({ target }) => { options[name] = target.value; this.#changed(); } },
       Object.entries(values).map(([value, text]) => el("option", { value, textContent: text, selected: value === options[name] })));
     const number = (name, fields, extra) => el("input", { type: "number", id: `option-${name}`, data: { key: `option-${name}` }, className: this.#wrong(fields).trim(), value: options[name],
-      onchange: set(name, (v) => (v === "" ? (name === "clearance" ? "" : 0) : Number(v))), ...extra });
+      onchange: ({ target }) => this.#typed(name, target, target.value === "" ? (name === "clearance" ? "" : 0) : Number(target.value)), ...extra });
     const field = (name, text, ...inputs) => [el("label", { htmlFor: `option-${name}`, textContent: text }), el("div", { className: "row" }, inputs)];
     return foldOut(this, {}, { textContent: "Options", data: { key: "options" } },
       el("div", { className: "fields" },

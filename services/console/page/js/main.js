@@ -1,7 +1,7 @@
 // The page put together: what the console says goes to the parts, what the parts ask goes to the console.
 
 import { Motion, Sequence, isStopped, recovered } from "./activity.js";
-import { STALE_MS, instantOf, isStale } from "./age.js";
+import { instantOf, isStale } from "./age.js";
 import { Arrangement } from "./arrangement.js";
 import { sceneOf } from "./bulk.js";
 import { Connection } from "./connection.js";
@@ -12,7 +12,9 @@ import { notice } from "./notice.js";
 import { Picture, labelsOf } from "./picture.js";
 import { Placements, evidence } from "./placements.js";
 import { World } from "./scene.js";
+import { Seen } from "./seen.js";
 import { askForToken } from "./sign_in.js";
+import { Stops } from "./stops.js";
 import { Stored } from "./stored.js";
 import { System } from "./system.js";
 import { followTheme } from "./theme.js";
@@ -23,7 +25,7 @@ const LAYERS = { cloud: "Cloud", surfaces: "Surfaces", placements: "Places", arm
 /** How far an object may seem to have moved between two segmentations of one picture, metres. */
 const SAME_M = 0.03;
 const ROLES = ["viewer", "planner", "operator"];
-const stored = new Stored(() => sessionStorage);
+const stored = new Stored(() => sessionStorage), seen = new Seen(), stops = new Stops((text) => notice(text, "stop"));
 
 let role = "viewer", cell, camera, robot, page;
 let scene, newest, isHeld = false, hasWatched = false, myPlan, hadPlan;
@@ -37,8 +39,6 @@ let cleared = 0;
 let isCarriedOut = false;
 /** Since when a camera is looked for. */
 let watchedAt;
-/** The robot whose stop nobody has confirmed. */
-let unheard;
 const robots = new Map();
 
 // The console. First, so that it answers while the parts are made.
@@ -154,22 +154,24 @@ function systemShown(message) {
   const names = message.cameras.map(({ name }) => name);
   if (!hasWatched && names.length) watch();
   choices(byId("camera"), names, camera ?? newest?.camera);
+  seen.cameras(message.cameras, camera ?? newest?.camera);
+  drawSeen();
   forgetRobots(message.robots);
   choices(byId("robot"), message.robots, robot);
   // The name may be one of another day: where others are there, and nothing came of it, it is waited for in vain.
-  const isGone = camera !== undefined && names.length > 0 && !names.includes(camera) && !newest && pictureShown.at === undefined && isStale(watchedAt);
+  const isGone = camera !== undefined && names.length > 0 && !names.includes(camera) && !newest && seen.pictureAt === undefined && isStale(watchedAt);
   picture.waitFor(isGone ? camera : undefined, names, lookThrough);
 }
 
 async function pictureShown({ metadata, tensors }) {
   const heardAt = instantOf(metadata);
-  if (isHeld) return void (pictureShown.at = heardAt);
+  if (isHeld) return void (seen.pictureAt = heardAt);
   // In the order in which they came: a recording that is played has stamps of before, and two cells have clocks of their own.
   const turn = ++pictureShown.came;
   const bitmap = await createImageBitmap(new Blob([tensors.jpeg], { type: "image/jpeg" }));
   // Of several that were being decoded, an older one may come last, or after another camera was chosen.
   if (isHeld || turn < pictureShown.first) return bitmap.close();
-  [pictureShown.first, pictureShown.at] = [turn, heardAt];
+  [pictureShown.first, seen.pictureAt] = [turn, heardAt];
   picture.show(bitmap);
   drawSeen();
 }
@@ -177,7 +179,8 @@ async function pictureShown({ metadata, tensors }) {
 
 /** What is shown, and on its way, is of a camera that is looked through no longer. */
 function forgetPictures() {
-  [pictureShown.first, pictureShown.at, newest, scene] = [pictureShown.came + 1];
+  [pictureShown.first, newest, scene] = [pictureShown.came + 1];
+  seen.forget();
   picture.forget();
   drawObjects();
   drawSeen();
@@ -224,10 +227,9 @@ function drawObjects() {
 }
 
 function drawSeen() {
-  const badge = byId("seen"), { at } = pictureShown;
-  const [kind, text] = isHeld ? ["held", "held for the goal"] : at === undefined ? ["", ""]
-    : isStale(at) ? ["bad", `${Math.floor((performance.now() - at) / 1000)} s old`] : ["live", "live"];
-  Object.assign(badge, { className: `badge ${kind}`, textContent: text });
+  const { kind, text } = seen.words(isHeld);
+  Object.assign(byId("seen"), { className: `badge ${kind}`, textContent: text });
+  document.body.classList.toggle("old-objects", seen.areObjectsOld);
   byId("follow").hidden = !isHeld;
 }
 
@@ -419,7 +421,7 @@ function robotShown(shown) {
     choices(byId("robot"), [...robots.keys()].sort(), robot);
   }
   world.showRobot(shown);
-  if (shown.robot === unheard && isStopped(shown.state) && !isStale(shown.heardAt)) confirmed();
+  if (isStopped(shown.state) && !isStale(shown.heardAt)) stops.confirmed(toldOf, shown.robot);
   if (shown.robot === robot) chosenShown();
 }
 
@@ -448,24 +450,11 @@ function chosenShown() {
   button.textContent = `${hasStopped ? "Stopped" : "Stop"}${robots.size > 1 ? ` ${robot}` : ""}`;
 }
 
+/** Stops the chosen robot; where none is known, whichever is there. */
 function stop() {
-  const name = robot ?? "panda";
   // What comes of it stands on the page behind.
   system.close();
-  const unconfirmed = (why, field) => {
-    unheard = name;
-    notice({ message: `Stop: nobody has confirmed it${why}. If the robot goes on, press again, or use the switch beside it.`, field }, "stop");
-  };
-  // Over a network that has gone nothing comes back for minutes.
-  const late = setTimeout(() => unconfirmed(" yet"), STALE_MS);
-  connection.stop(cell, name, "stopped from the console").finally(() => clearTimeout(late))
-    .then(confirmed, ({ message, field }) => unconfirmed(`: ${message.replace(/\.$/, "")}`, field));
-}
-
-/** The robot has stopped, whoever says so. */
-function confirmed() {
-  unheard = undefined;
-  notice(undefined, "stop");
+  stops.follow(cell, robot, connection.stop(cell, robot, "stopped from the console"));
 }
 
 /** Clears the stop that is shown, and none that has latched since. */
@@ -502,7 +491,7 @@ byId("follow").addEventListener("click", () => release());
 byId("open-system").addEventListener("click", () => system.open());
 byId("cell").addEventListener("change", ({ target }) => {
   cell = target.value;
-  [camera, robot, newest, scene, myPlan, unheard] = [];
+  [camera, robot, newest, scene, myPlan] = [];
   robots.clear();
   world.forget();
   // An idle cell says nothing of what is carried out in it.

@@ -340,8 +340,9 @@ export class World {
     return this.#ray.intersectObjects(bodies, false)[0]?.object.userData.rank ?? -1;
   }
 
-  /** Moves a robot. */
+  /** Moves a robot; one of whose links nobody knows where they are is not drawn. */
   showRobot({ robot, state, links }) {
+    if (!links) return this.forgetRobot(robot);
     let arm = this.arms.get(robot);
     if (!arm) {
       this.arms.set(robot, (arm = new Arm()));

@@ -3,14 +3,23 @@
 class Element {
   children = []; dataset = {}; attributes = {}; listeners = {}; id = ""; className = ""; value = ""; textContent = ""; disabled = false; hidden = false; open = false;
   style = { setProperty: () => {} };
+  classList = { remove: (name) => { this.className = this.#classes.filter((own) => own !== name).join(" "); } };
+  #parent;
 
   constructor(tag) { this.tag = tag; }
-  append(...parts) { this.children.push(...parts); }
-  replaceChildren(...parts) { this.children = parts; }
+  get #classes() { return this.className.split(" "); }
+  append(...parts) {
+    this.children.push(...parts);
+    for (const part of parts) if (part instanceof Element) part.#parent = this;
+  }
+  replaceChildren(...parts) { this.children = []; this.append(...parts); }
+  remove() { this.#parent.children = this.#parent.children.filter((child) => child !== this); }
   setAttribute(name, value) { this.attributes[name] = value; }
   addEventListener(kind, listener) { this.listeners[kind] = listener; }
   contains() { return false; }
   querySelector() { return null; }
+  /** Those within that have a class, `.name`. */
+  querySelectorAll(selector) { return this.all.filter((part) => part !== this && part.#classes.includes(selector.slice(1))); }
   showModal() { this.open = true; }
   close() { this.open = false; }
   /** What a click does, unless the element is off. */

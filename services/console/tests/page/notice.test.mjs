@@ -18,9 +18,10 @@ test("that a stop is not confirmed stays whatever becomes of the connection, unt
   assert.deepEqual([box.hidden, /nobody has confirmed/.test(box.text), box.className], [false, true, "notice bad"]);
   notice(undefined, "stop");
   assert.ok(box.hidden);
-  notice(unconfirmed, "stop");
+  let reads = 0;
+  notice({ ...unconfirmed, read: () => { reads++; } }, "stop");
   box.all.find(({ tag }) => tag === "button").click();
-  assert.ok(box.hidden, "read");
+  assert.deepEqual([box.hidden, reads], [true, 1], "read");
   notice(lost, "bad");
   assert.match(box.text, /lost/);
 });

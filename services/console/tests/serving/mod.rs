@@ -69,11 +69,11 @@ pub async fn heard(socket: &mut Socket, passes: impl Fn(&Value) -> bool) -> Valu
     tokio::time::timeout(WITHIN, hearing).await.expect("heard in time")
 }
 
-fn state(seq: u64, stop: Option<&StopState>) -> RobotState {
+fn state(seq: u64, gripper_width_m: f64, stop: Option<&StopState>) -> RobotState {
     let mode = if stop.is_some() { RobotMode::Stopped } else { RobotMode::Idle };
     let still = [0.0; 7];
     serde_json::from_value(json!({
-        "v": 1, "seq": seq, "stamp_ns": 0, "robot_ms": 0.0, "q_rad": repose_panda::READY, "dq_rad_s": still, "gripper_width_m": 0.04,
+        "v": 1, "seq": seq, "stamp_ns": 0, "robot_ms": 0.0, "q_rad": repose_panda::READY, "dq_rad_s": still, "gripper_width_m": gripper_width_m,
         "gripper_settled": true, "gripper_holding": false, "mode": mode, "stop": stop, "owner": null, "last_command": null, "stream_ms": null
     }))
     .expect("a state")
@@ -81,8 +81,13 @@ fn state(seq: u64, stop: Option<&StopState>) -> RobotState {
 
 /// A robot that tells its state and latches stops, until the session closes.
 pub async fn robot(session: &Session) {
-    let mut stops = session.subscribe_queue(&session.cell().robot_estop("panda"), 16).await.expect("a subscription");
-    let states = session.publisher(session.cell().robot_state("panda"), Traffic::RobotState);
+    robot_named(session, "panda", 0.04).await;
+}
+
+/// The same of any name, and with whatever it tells of its hand.
+pub async fn robot_named(session: &Session, name: &str, gripper_width_m: f64) {
+    let mut stops = session.subscribe_queue(&session.cell().robot_estop(name), 16).await.expect("a subscription");
+    let states = session.publisher(session.cell().robot_state(name), Traffic::RobotState);
     tokio::spawn(async move {
         let (mut stop, mut tick) = (None, tokio::time::interval(Duration::from_millis(10)));
         for seq in 0.. {
@@ -93,7 +98,7 @@ pub async fn robot(session: &Session) {
                     stop = Some(StopState { kind: "estop".to_owned(), reason, estop_id: Some(id) });
                 }
             }
-            if states.put(Payload::json(&state(seq, stop.as_ref())).expect("encoded")).await.is_err() {
+            if states.put(Payload::json(&state(seq, gripper_width_m, stop.as_ref())).expect("encoded")).await.is_err() {
                 return;
             }
         }
