@@ -73,7 +73,7 @@ impl Desk {
         }
         let plan = self.plans().get(&asked.plan, asker)?;
         let _alone = self.begin_moving()?;
-        // Whoever gives it up before anything moves wants nothing to move: a call that is sent begins, even where its cancel follows at once.
+        // Whoever gives it up before anything moves wants nothing to move: a call that is sent may begin, even where its cancel follows at once.
         let (followed, motion) = tokio::select! {
             biased;
             () = cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "given up before anything has moved")),

@@ -11,6 +11,7 @@ pub mod asker;
 pub mod desk;
 pub mod execute;
 pub mod http;
+pub mod input;
 pub mod look;
 pub mod plan;
 pub mod plans;

@@ -19,11 +19,13 @@ use rmcp::transport::streamable_http_server::session::local::LocalSessionManager
 use rmcp::transport::streamable_http_server::{StreamableHttpServerConfig, StreamableHttpService};
 use rmcp::{ErrorData, RoleServer, ServerHandler, serve_server};
 use serde_json::{Value, json};
+use tokio::io::{AsyncRead, AsyncWrite};
 
 use crate::McpError;
 use crate::answer::ToolResult;
 use crate::asker::Asker;
 use crate::desk::Desk;
+use crate::input::AgentInput;
 use crate::response::Unread;
 use crate::tools::{INSTRUCTIONS, Tool, call};
 
@@ -38,9 +40,20 @@ const NAME: usize = 100;
 
 /// Serves one agent on standard input and output.
 pub async fn serve_stdio(desk: Arc<Desk>, shutdown: Shutdown) -> Result<(), McpError> {
+    let (input, output) = rmcp::transport::stdio();
+    serve_streams(desk, input, output, shutdown).await
+}
+
+/// Serves one agent whose messages come by `input`, and who reads what is written to `output`.
+pub async fn serve_streams<R, W>(desk: Arc<Desk>, input: R, output: W, shutdown: Shutdown) -> Result<(), McpError>
+where
+    R: AsyncRead + Send + Unpin + 'static,
+    W: AsyncWrite + Send + Unpin + 'static,
+{
     let agent = async {
-        let server = Server { desk, over_http: false };
-        let running = serve_server(server, rmcp::transport::stdio()).await.map_err(|e| McpError::Serve(e.to_string()))?;
+        let input = AgentInput::new(input);
+        let server = Server { desk, input_ended: Some(input.ended()) };
+        let running = serve_server(server, (input, output)).await.map_err(|e| McpError::Serve(e.to_string()))?;
         running.waiting().await.map(drop).map_err(|e| McpError::Serve(e.to_string()))
     };
     tokio::select! {
@@ -55,7 +68,7 @@ pub fn http(desk: Arc<Desk>, ending: CancellationToken) -> Router {
     let config = StreamableHttpServerConfig::default().disable_allowed_hosts().enforce_origin_validation().with_cancellation_token(ending);
     let mut sessions = LocalSessionManager::default();
     sessions.session_config.keep_alive = Some(IDLE);
-    let server = move || Ok(Server { desk: desk.clone(), over_http: true });
+    let server = move || Ok(Server { desk: desk.clone(), input_ended: None });
     let service = StreamableHttpService::new(server, Arc::new(sessions), config);
     Router::new().route_service("/mcp", service)
 }
@@ -63,7 +76,8 @@ pub fn http(desk: Arc<Desk>, ending: CancellationToken) -> Router {
 #[derive(Clone)]
 struct Server {
     desk: Arc<Desk>,
-    over_http: bool,
+    /// Of the agent on standard input and output: is cancelled when nothing comes from it any more. None over HTTP.
+    input_ended: Option<CancellationToken>,
 }
 
 impl Server {
@@ -71,15 +85,27 @@ impl Server {
     fn asker(&self, context: &RequestContext<RoleServer>) -> Asker {
         let said = context.client_info().map(|client| format!("{} {}", client.name, client.version));
         let client: String = said.unwrap_or_else(|| "unknown".to_owned()).chars().filter(|c| !c.is_control()).take(NAME).collect();
-        let session = match self.over_http {
-            false => STDIO.to_owned(),
+        let session = match self.input_ended {
+            Some(_) => STDIO.to_owned(),
             // Clients of the newer protocol have no session: then it is the name, and an id that nobody can guess.
-            true => {
+            None => {
                 let header = context.extensions.get::<Parts>().and_then(|parts| parts.headers.get(SESSION)?.to_str().ok());
                 header.map_or_else(|| client.clone(), str::to_owned)
             }
         };
         Asker { client, session }
+    }
+
+    /// Waits until a call is not to go on for who asked. Over HTTP that is when nobody reads the answer any more. On standard input and output an agent
+    /// may close its input and read on, as a script does: the kit ends what is open only seconds after that, and an arm is to come to rest at once.
+    async fn deserted(&self, tool: &str, context: &RequestContext<RoleServer>) {
+        let unread = context.extensions.get::<Parts>().and_then(|parts| parts.extensions.get::<Unread>());
+        let only_reads = Tool::parse(tool).is_some_and(Tool::only_reads);
+        match (unread, &self.input_ended) {
+            (Some(Unread(unread)), _) => unread.cancelled().await,
+            (None, Some(ended)) if !only_reads => ended.cancelled().await,
+            (None, _) => std::future::pending().await,
+        }
     }
 }
 
@@ -103,7 +129,7 @@ impl ServerHandler for Server {
         let mut answered = pin!(call(&self.desk, &request.name, arguments, &asker, cancel.clone()));
         let answered = tokio::select! {
             answered = &mut answered => answered,
-            () = unread(&context) => {
+            () = self.deserted(&request.name, &context) => {
                 cancel.cancel();
                 answered.await
             }
@@ -113,14 +139,6 @@ impl ServerHandler for Server {
             Err(error) => refusal(&error),
         }
         .into())
-    }
-}
-
-/// Waits until a client over HTTP reads the answer no more. On standard input and output the kit cancels what is open when the client is gone.
-async fn unread(context: &RequestContext<RoleServer>) {
-    match context.extensions.get::<Parts>().and_then(|parts| parts.extensions.get::<Unread>()) {
-        Some(Unread(unread)) => unread.cancelled().await,
-        None => std::future::pending().await,
     }
 }
 
@@ -143,9 +161,9 @@ fn result(answer: ToolResult) -> CallToolResult {
     result
 }
 
-/// An error that the agent reads, with its code and field as everywhere else.
+/// An error that the agent reads, with its code and field as everywhere else in a second text. Not as structured content: clients hold that against the
+/// schema of what the tool answers, an error's too, and where it does not fit they show the agent nothing of it.
 fn refusal(error: &CallError) -> CallToolResult {
-    let mut result = CallToolResult::error(vec![ContentBlock::text(error.to_string())]);
-    result.structured_content = Some(json!({"error": error}));
-    result
+    let data = json!({"error": error}).to_string();
+    CallToolResult::error(vec![ContentBlock::text(error.to_string()), ContentBlock::text(data)])
 }

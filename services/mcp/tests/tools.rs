@@ -6,10 +6,11 @@ use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use cell::agent::{Agent, error_of};
 use cell::{Cell, asker, start, start_with};
 use repose_mcp::answer::ToolResult;
 use repose_mcp::http::BoundServer;
-use repose_mcp::tools::call;
+use repose_mcp::tools::{Tool, call};
 use repose_mcp::{HttpSettings, McpSettings};
 use repose_proto::{CallError, ErrorCode};
 use repose_runtime::{CancellationToken, Shutdown};
@@ -342,4 +343,65 @@ async fn an_arm_comes_to_rest_when_the_connection_of_the_agent_that_moves_it_is_
     tokio::time::timeout(within, cell.world.was_cancelled.notified()).await.expect("it goes on for nobody");
     shutdown.trigger();
     serving.await.expect("joined");
+}
+
+/// An agent on standard input and output, and what it calls a plan.
+async fn agent_with_a_plan(cell: &Cell) -> (Agent, Value) {
+    let mut agent = Agent::connect(cell.desk.clone()).await;
+    agent.ask("plan", json!({"say": "put the red box left of the blue box"})).await;
+    let plan = agent.answer().await["structuredContent"]["plan"].take();
+    assert!(plan.is_string(), "there is a plan");
+    (agent, json!({"plan": plan}))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_arm_comes_to_rest_when_the_input_of_the_agent_that_moves_it_ends() {
+    let cell = start(true).await;
+    let (mut agent, plan) = agent_with_a_plan(&cell).await;
+    agent.ask("execute", plan).await;
+    let within = Duration::from_secs(10);
+    tokio::time::timeout(within, cell.world.has_begun.notified()).await.expect("it has begun");
+    agent.close_input().await;
+    // It reads on: of what the kit cuts off by itself, seconds later, there is no answer.
+    assert_eq!(error_of(&agent.answer().await).code, ErrorCode::Cancelled);
+    tokio::time::timeout(within, cell.world.was_cancelled.notified()).await.expect("it goes on for nobody");
+    agent.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_moves_when_the_input_of_an_agent_ends_while_that_is_prepared() {
+    let cell = start(true).await;
+    let (mut agent, plan) = agent_with_a_plan(&cell).await;
+    // The next view is a minute away.
+    cell.world.takes_ms.store(60_000, Ordering::SeqCst);
+    agent.ask("execute", plan).await;
+    agent.close_input().await;
+    assert_eq!(error_of(&agent.answer().await).code, ErrorCode::Cancelled);
+    agent.end().await;
+    assert_eq!(cell.world.executions(), 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_agent_whose_input_has_ended_is_still_told_what_there_is() {
+    let cell = start(false).await;
+    let mut agent = Agent::connect(cell.desk.clone()).await;
+    agent.ask("look", json!({})).await;
+    agent.close_input().await;
+    assert_eq!(agent.answer().await["structuredContent"]["objects"].as_array().map(Vec::len), Some(3));
+    agent.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_refusal_of_any_tool_says_its_code_and_field_in_a_text_and_has_no_structured_content() {
+    let cell = start(true).await;
+    let mut agent = Agent::connect(cell.desk.clone()).await;
+    for tool in Tool::ALL {
+        agent.ask(tool.name(), json!({"joints": [0.0]})).await;
+        let refusal = agent.answer().await;
+        let error = error_of(&refusal);
+        assert_eq!((error.code, error.field.as_deref()), (ErrorCode::InvalidArgument, Some("joints")), "{}", tool.name());
+        assert!(refusal.get("structuredContent").is_none_or(Value::is_null), "{}: {refusal}", tool.name());
+    }
+    agent.close_input().await;
+    agent.end().await;
 }

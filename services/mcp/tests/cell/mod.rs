@@ -1,5 +1,7 @@
 //! A cell of a few lines: a camera that sees blocks, a planner that always answers the same, an arm that moves what it is told to.
 
+pub mod agent;
+
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import itertools
+import json
 from typing import Any
 
 from mcp import Client
@@ -28,8 +29,9 @@ def data(result: CallToolResult) -> dict[str, Any]:
 
 def refusal(result: CallToolResult) -> dict[str, Any]:
     assert result.is_error, f"not refused: {text(result)}"
-    assert result.structured_content is not None
-    return result.structured_content["error"]
+    assert result.structured_content is None, "it would have to fit the schema of the tool's answers"
+    _, as_data = [block.text for block in result.content if block.type == "text"]
+    return json.loads(as_data)["error"]
 
 
 async def look(client: Client) -> dict[str, Any]:
