@@ -108,6 +108,16 @@ def test_a_call_that_is_left_is_cancelled_at_its_worker(system, client, left):
             call.result(SOON_S)
 
 
+def test_a_call_whose_result_does_not_come_in_time_goes_on(client):
+    search = Search(client)
+    with search.start(client) as call:
+        steps = call.progress()
+        next(steps)
+        with pytest.raises(TimeoutError):
+            call.result(0)
+        assert search.is_open()
+
+
 def script(body: str) -> str:
     # A shell may have started all this with the signal ignored.
     head = "import asyncio, json, signal, sys\nimport repose\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
@@ -178,6 +188,39 @@ def test_ctrl_c_cancels_the_call_at_its_worker(system, client, body):
     took_s = interrupted(program, system.endpoint, search.id, search.worker, json.dumps(search.long))
     assert took_s < SOON_S
     assert search.ends_soon()
+
+
+def test_an_exception_of_another_signals_handler_cancels_the_call_at_its_worker(system, client):
+    search = Search(client)
+    program = script(f"""
+        def over_time(signum, frame):
+            raise RuntimeError("over time")
+
+        signal.signal(signal.SIGALRM, over_time)
+        endpoint, id, worker, request = sys.argv[1:]
+        client = repose.connect(endpoint)
+        {CALL}
+        steps = call.progress()
+        next(steps)
+        signal.alarm(1)
+        try:
+            call.result()
+        except RuntimeError as error:
+            print(error, flush=True)
+        # The program goes on, and its client stays connected.
+        sys.stdin.readline()
+    """)
+    words = [sys.executable, "-c", program, system.endpoint, search.id, search.worker, json.dumps(search.long)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
+        assert process.stdout is not None
+        try:
+            said = process.stdout.readline()
+            assert said == "over time\n", said or process.communicate()[1]
+            assert search.ends_soon()
+            assert process.poll() is None, "it was not the end of the process that ended the call"
+        finally:
+            process.kill()
 
 
 OTHER_WAITS = {

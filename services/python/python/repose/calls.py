@@ -95,7 +95,8 @@ class RobotState:
 class Call(Generic[T]):
     """A call under way: wait for its `result`, or await it; go through its `progress`; `cancel` it.
 
-    Ctrl-C while one waits for it cancels it, and so does the end of a block that it is the context of::
+    Ctrl-C while one waits for it cancels it, as does any exception that a signal's handler raises meanwhile, and the end of a block that it is
+    the context of::
 
         with client.execute_call(motion) as call:
             for step in call.progress():
@@ -126,7 +127,8 @@ class Call(Generic[T]):
         if self._answer is None:
             try:
                 ended = self._pending.wait(timeout_s)
-            except KeyboardInterrupt:
+            except BaseException:
+                # Of a signal's handler: Ctrl-C, or a time limit. A call that has ended in its own error has nothing left to give up.
                 self._pending.give_up()
                 raise
             if ended is None:
