@@ -115,7 +115,7 @@ fn keep_out(zones: &[KeepOutZone]) -> Result<Vec<ObstacleShape>, ConfigError> {
 pub enum OnClientLoss {
     /// It goes on to its end.
     Finish,
-    /// It comes to rest on its path, as if it were cancelled.
+    /// It comes to rest on its path, as if it were cancelled; one that has not begun does not begin.
     Stop,
 }
 

@@ -9,7 +9,7 @@ use repose_proto::enclosed::disclose;
 use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest};
 use repose_proto::robot::HeldObject;
-use repose_proto::{CallError, Message, Payload, Scene, Service};
+use repose_proto::{CallError, ErrorCode, Message, Payload, Scene, Service};
 use repose_runtime::{Call, CallOptions, Caller, Handler, RuntimeError, SCENE_WITHIN, Session, fetch_scene, fetch_stamp, load_of};
 
 use crate::client_watch::ClientWatch;
@@ -103,6 +103,7 @@ impl Endpoints {
 
     /// A plan carried out, with progress by phase. What becomes of it when its client is gone is configured.
     async fn execute(&self, call: &Call) -> Result<Payload, CallError> {
+        let client = self.client_of(call).await;
         let plan: MotionPlan = call.payload.decode_json()?;
         let robot = plan.robot.clone();
         let stood = self.neighbours.stances(&robot);
@@ -117,7 +118,16 @@ impl Endpoints {
             };
             link.execute(plan, task, to_rest, progress).await
         };
-        Payload::json(&self.driven(call, &robot, stood, execute).await?)
+        Payload::json(&self.driven(call, &robot, stood, client, execute).await?)
+    }
+
+    /// The client of a call, watched from now on. Before anything else is done for it: a client that goes while a motion is prepared has to be
+    /// missed when that begins, and whoever looks only then takes it for one that holds no token. None where an execution goes on without it.
+    async fn client_of(&self, call: &Call) -> Option<ClientWatch> {
+        match self.on_client_loss {
+            OnClientLoss::Stop => ClientWatch::of(&self.session, &call.id).await,
+            OnClientLoss::Finish => None,
+        }
     }
 
     /// A plan as it may be carried out beside the robots that stand there, and what it puts into the hand, where its scene is known.
@@ -136,16 +146,18 @@ impl Endpoints {
         checked.map_err(|e| CallError::internal(format!("the check of a plan was lost: {e}")))?
     }
 
-    /// The arm of a robot driven for a call until it is at rest again, while those beside it stand as they `stood`. What becomes of that when the
-    /// client is gone is configured.
-    async fn driven<F>(&self, call: &Call, robot: &str, stood: Stances, drive: impl FnOnce(ToRest) -> F) -> Result<ExecuteReply, CallError>
+    /// The arm of a robot driven for a call until it is at rest again, while its `client` is there and those beside it stand as they `stood`.
+    async fn driven<F>(
+        &self,
+        call: &Call,
+        robot: &str,
+        stood: Stances,
+        client: Option<ClientWatch>,
+        drive: impl FnOnce(ToRest) -> F,
+    ) -> Result<ExecuteReply, CallError>
     where
         F: Future<Output = Result<ExecuteReply, CallError>> + Send + 'static,
     {
-        let client = match self.on_client_loss {
-            OnClientLoss::Stop => ClientWatch::of(&self.session, &call.id).await,
-            OnClientLoss::Finish => None,
-        };
         // A task of its own: the end of the call must not cut it off between two commands.
         let driven = tokio::spawn(drive(self.to_rest(call, robot, stood, client)));
         driven.await.map_err(|e| CallError::internal(format!("the execution was lost: {e}")))?
@@ -162,8 +174,11 @@ impl Endpoints {
                 }
             };
             tokio::select! {
-                () = cancelled.cancelled() => "the caller cancelled, the deadline passed, or motion is to end".to_owned(),
-                () = gone => "the client is gone".to_owned(),
+                () = cancelled.cancelled() => {
+                    CallError::new(ErrorCode::Cancelled, "the caller cancelled, the deadline passed, or motion is to end")
+                }
+                // Not `cancelled`, which the runtime takes for the end of this worker where no caller has cancelled.
+                () = gone => CallError::precondition("the client is gone"),
                 begun = neighbours.begun_beside(&robot, &stood) => begun,
             }
         })
@@ -171,6 +186,7 @@ impl Endpoints {
 
     /// An arm brought back.
     async fn recover(&self, call: &Call) -> Result<Payload, CallError> {
+        let client = self.client_of(call).await;
         let (request, scene) = match call.payload.is_bulk() {
             true => call.timed("decode", || disclose::<RecoverRequest>(&call.payload.decode_bulk(RecoverRequest::SCHEMA)?))?,
             false => {
@@ -199,7 +215,7 @@ impl Endpoints {
         let (link, task) = (self.link.clone(), self.task(call, None));
         let driven = robot.clone();
         let follow = async move |to_rest| link.follow(&driven, phases, task, to_rest).await;
-        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, &robot, stood, follow).await?;
+        let ExecuteReply { outcome, reason, joints_rad, .. } = self.driven(call, &robot, stood, client, follow).await?;
         Payload::json(&RecoverReply { outcome, reason, retreated_m, checked_against, joints_rad })
     }
 

@@ -132,15 +132,16 @@ impl Neighbours {
         })
     }
 
-    /// Waits until a robot beside one does something, or stands elsewhere than where it stood when the way around it was checked, and says which.
-    /// Robots that begin at the same moment pass [`Neighbours::check_still`] both, for neither has told yet that it has begun; and whoever else moves
-    /// one does not ask here: a person who guides it by hand has it neither move by its own word nor have a task.
-    pub async fn begun_beside(&self, robot: &str, stood: &Stances) -> String {
+    /// Waits until a robot beside one does something, or stands elsewhere than where it stood when the way around it was checked: until
+    /// [`Neighbours::check_stances`] fails, and how. Robots that begin at the same moment pass [`Neighbours::check_still`] both, for neither has told
+    /// yet that it has begun; and whoever else moves one does not ask here: a person who guides it by hand has it neither move by its own word nor
+    /// have a task.
+    pub async fn begun_beside(&self, robot: &str, stood: &Stances) -> CallError {
         let mut looks = tokio::time::interval(LOOK);
         loop {
             looks.tick().await;
             if let Err(begun) = self.check_stances(robot, stood) {
-                return begun.message;
+                return begun;
             }
         }
     }
@@ -391,7 +392,7 @@ mod tests {
             }
         };
         let watched = async { tokio::join!(begun, guided).0 };
-        let said = tokio::time::timeout(Duration::from_secs(10), watched).await.expect("it is noticed");
-        assert!(said.contains("across has moved"), "{said}");
+        let begun = tokio::time::timeout(Duration::from_secs(10), watched).await.expect("it is noticed");
+        assert!(begun.message.contains("across has moved"), "{begun}");
     }
 }

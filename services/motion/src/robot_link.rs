@@ -16,8 +16,9 @@ use tokio::time::MissedTickBehavior;
 use crate::config::MotionConfig;
 use crate::execution::{Execution, ExecutionAction, ExecutionSettings, ExecutionTask, next_owner};
 
-/// Comes to its end when an arm that is driven is to come to rest, with the reason.
-pub type ToRest = Pin<Box<dyn Future<Output = String> + Send>>;
+/// Comes to its end when an arm that is driven is to come to rest, with the reason. Where nothing has been commanded by then, nothing is, and the
+/// reason is the error.
+pub type ToRest = Pin<Box<dyn Future<Output = CallError> + Send>>;
 
 /// Commands robots of one cell. Cheap to clone.
 #[derive(Clone)]
@@ -73,7 +74,8 @@ impl RobotLink {
     ///
     /// # Errors
     /// `unavailable` when the robot shows no state; `failed_precondition` and `invalid_argument` as [`Execution::begin`], also while another
-    /// execution runs. Once the robot has been commanded the outcome is a reply, unless the network fails.
+    /// execution runs; that of `to_rest` where it comes before the first command. Once the robot has been commanded the outcome is a reply, unless
+    /// the network fails.
     pub async fn execute(
         &self,
         plan: MotionPlan,
@@ -110,7 +112,12 @@ impl RobotLink {
         progress: impl Fn(ExecuteProgress),
     ) -> Result<ExecuteReply, CallError> {
         let claim = self.claim(robot)?;
-        let (mut states, first) = self.states(&claim.robot).await?;
+        let (mut states, first) = tokio::select! {
+            // First, so that it is also looked at when the state has come: there is no wait between that and the first command.
+            biased;
+            why = &mut to_rest => return Err(why),
+            shown = self.states(&claim.robot) => shown?,
+        };
         let commands = self.commands(&claim.robot);
         let started = Instant::now();
         let now_ms = || started.elapsed().as_millis() as u64;
@@ -127,7 +134,11 @@ impl RobotLink {
         loop {
             for step in steps.drain(..) {
                 match step {
-                    ExecutionAction::Send(command) => commands.put(Payload::json(&command)?).await?,
+                    ExecutionAction::Send(command) => {
+                        let put = commands.put(Payload::json(&command)?).await;
+                        // The arm may have moved: made again, the same call would have it move a second time.
+                        put.map_err(|error| CallError { retryable: false, ..CallError::from(error) })?;
+                    }
                     ExecutionAction::Progress(phase) => progress(phase),
                     ExecutionAction::Done(reply) => {
                         tracing::info!(robot, outcome = ?reply.outcome, phase = %reply.phase, reason = reply.reason, "execution ended");
@@ -142,10 +153,10 @@ impl RobotLink {
                     None => execution.abandon("the network closed"),
                 },
                 _ = ticks.tick() => execution.on_tick(now_ms()),
-                reason = &mut to_rest, if !halting => {
-                    tracing::warn!(robot, reason, "the arm comes to rest");
+                why = &mut to_rest, if !halting => {
+                    tracing::warn!(robot, reason = why.message, "the arm comes to rest");
                     halting = true;
-                    execution.cancel(&reason, now_ms())
+                    execution.cancel(&why.message, now_ms())
                 }
             };
         }

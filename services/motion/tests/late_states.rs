@@ -1,4 +1,4 @@
-//! An execution over a link that loses the robot's states.
+//! An execution over a link that loses the robot's states, and by a controller that hears late of what it is to do.
 
 mod common;
 
@@ -67,4 +67,36 @@ fn an_arm_that_went_on_while_its_states_were_lost_comes_to_rest_ahead_of_where_i
         let farthest_rad = 0.025 * (1.4 + 1e-3 * silent_ms as f64);
         assert!(reply.joints_rad[0] <= farthest_rad, "{} of {farthest_rad} after {silent_ms} ms", reply.joints_rad[0]);
     }
+}
+
+/// How far ahead of the arm a cancelled stream begins to slow down, milliseconds.
+fn slows_ahead_ms(horizon_ms: Option<u64>) -> f64 {
+    let mut robot = Robot::new();
+    robot.state.horizon_ms = horizon_ms;
+    let (mut execution, mut steps) = Execution::begin(plan(), task(), &robot.state, 0, ExecutionSettings::default()).unwrap();
+    for now_ms in (0..20_000).step_by(10) {
+        robot.advance();
+        steps.extend(execution.on_state(&robot.state, now_ms));
+        if let Some(followed_ms) = robot.state.stream_ms.filter(|followed_ms| *followed_ms > 100.0) {
+            let halt = execution.cancel("cancelled", now_ms);
+            let [ExecutionAction::Send(command)] = &halt[..] else { panic!("{halt:?}") };
+            // The plan's set-points are 20 ms apart, those of slowing down are closer.
+            let slows = command.set_points.windows(2).find(|pair| pair[1].t_ms - pair[0].t_ms < 15.0).expect("it slows down");
+            return slows[1].t_ms - followed_ms;
+        }
+        for step in steps.drain(..) {
+            if let ExecutionAction::Send(command) = step {
+                robot.take(&command);
+            }
+        }
+    }
+    panic!("it never moved");
+}
+
+#[test]
+fn a_controller_of_whole_trajectories_is_slowed_down_from_where_it_can_still_be_told() {
+    let usual_ms = slows_ahead_ms(None);
+    assert!((150.0..180.0).contains(&usual_ms), "{usual_ms} ms");
+    let whole_ms = slows_ahead_ms(Some(600_000));
+    assert!((400.0..430.0).contains(&whole_ms), "{whole_ms} ms");
 }

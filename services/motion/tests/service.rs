@@ -2,10 +2,13 @@
 
 mod common;
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use common::{NOW_NS, PHASES, Robot, plan};
+use async_trait::async_trait;
+use common::{NOW_NS, PHASES, Robot, plan, task};
+use repose_motion::robot_link::RobotLink;
 use repose_motion::{MotionConfig, run, synthetic};
 use repose_panda::READY;
 use repose_proto::enclosed::enclose;
@@ -13,10 +16,12 @@ use repose_proto::motion::{
     ExecuteProgress, ExecuteReply, ExecutionOutcome, Grasp, MotionFailure, MotionPlan, MotionPlanRequest, Phase, RecoverReply,
     RecoverRequest, RecoveryMove, RobotResetReply, RobotResetRequest,
 };
+use repose_proto::perception::SceneRequest;
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, Message, Payload, RigidTransform, Scene, SceneRef, Service};
-use repose_runtime::{Answer, CallOptions, Caller, Session, Shutdown, Traffic};
+use repose_runtime::{Answer, Call, CallOptions, Caller, Handler, Session, Shutdown, Traffic};
+use tokio::sync::{Notify, Semaphore, oneshot};
 use tokio::time::MissedTickBehavior;
 
 /// The synthetic table as perception would send it.
@@ -390,5 +395,95 @@ async fn a_latched_stop_refuses_executions_until_it_is_reset() {
     let reply = running.call("reset", reset()).await.unwrap();
     assert_eq!(reply.payload.decode_json::<RobotResetReply>().unwrap(), RobotResetReply { was_stopped: true });
     assert_eq!(robot.lock().unwrap().state.mode, RobotMode::Idle);
+    running.stop().await;
+}
+
+/// A perception that has one scene, and gives it when it may.
+struct HeldScene {
+    scene: Scene,
+    /// Whether it was asked for any scene.
+    is_found: AtomicBool,
+    /// Tells that it was asked for the one that it has.
+    is_wanted: Notify,
+    /// A permit lets the scene go.
+    may_go: Semaphore,
+}
+
+#[async_trait]
+impl Handler for HeldScene {
+    async fn call(&self, call: Call) -> Result<Payload, CallError> {
+        let request: SceneRequest = call.payload.decode_json()?;
+        self.is_found.store(true, Ordering::Release);
+        if request.scene_id != self.scene.id() {
+            return Err(CallError::not_found("scene_id", "it is not here"));
+        }
+        self.is_wanted.notify_one();
+        let _permit = self.may_go.acquire().await.unwrap();
+        request.answer(&Payload::bulk(Scene::SCHEMA, &self.scene.to_bulk())?)
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_moves_for_a_client_that_goes_while_its_motion_is_prepared() {
+    let scene = Scene { stamp_ns: NOW_NS, ..scene() };
+    let named = Some(SceneRef { scene_id: scene.id() });
+    let back = RecoverRequest { robot: "panda".to_owned(), motion: RecoveryMove::Home, scene: named };
+    let plan = MotionPlan { scene_id: scene.id(), scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() };
+    for (method, payload) in [("recover", Payload::json(&back).unwrap()), ("execute", Payload::json(&plan).unwrap())] {
+        let running = Running::start().await;
+        let robot = running.robot(Robot::new()).await;
+        let perception = Arc::new(HeldScene {
+            scene: scene.clone(),
+            is_found: AtomicBool::new(false),
+            is_wanted: Notify::new(),
+            may_go: Semaphore::new(0),
+        });
+        let perceiving = running.session.start(Service::Perception, perception.clone()).await.unwrap();
+        // Once it asks perception for a scene, it has seen that there is one.
+        let unknown = MotionPlanRequest::new("0".repeat(64), "panda".to_owned(), 1, vec![RigidTransform::IDENTITY], READY);
+        while !perception.is_found.load(Ordering::Acquire) {
+            assert_eq!(refusal(running.call("plan", Payload::json(&unknown).unwrap()).await).0, ErrorCode::NotFound);
+        }
+        let id = "0f6e0d6c-6a53-4a62-9a5e-3d2f6d1c7b20";
+        let key = running.session.cell().live_client(id);
+        let mut alive = running.session.watch_alive(&key).await.unwrap();
+        let client = running.session.transport().declare_alive(&key).await.unwrap();
+        while alive.current().is_empty() {
+            assert!(alive.changed().await, "the network closed");
+        }
+        let options = CallOptions { id: Some(id.to_owned()), ..CallOptions::at_most_once(Duration::from_secs(30)) };
+        let calling = running.caller.call(method, payload, options);
+        let leaving = async {
+            perception.is_wanted.notified().await;
+            drop(client);
+            while !alive.current().is_empty() {
+                assert!(alive.changed().await, "the network closed");
+            }
+            perception.may_go.add_permits(1);
+        };
+        let (ended, ()) = tokio::join!(calling, leaving);
+        let error = ended.unwrap_err();
+        assert!(error.code == ErrorCode::FailedPrecondition && error.message.contains("client is gone"), "{method}: {error}");
+        assert_eq!(robot.lock().unwrap().state.last_command, None, "{method}: nothing was sent");
+        perceiving.drain().await;
+        running.stop().await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_arm_that_is_to_rest_before_its_robot_has_told_a_state_is_not_commanded() {
+    let running = Running::start().await;
+    let link = RobotLink::new(running.session.clone(), &MotionConfig::default()).unwrap();
+    let plan = MotionPlan { scene_stamp_ns: NOW_NS, max_scene_age_ms: 60_000, ..plan() };
+    let (rest, to_rest) = oneshot::channel();
+    let executing = link.execute(plan, task(), Box::pin(async { to_rest.await.unwrap() }), |_| {});
+    let cancelled = CallError::new(ErrorCode::Cancelled, "the caller cancelled");
+    let meanwhile = async {
+        rest.send(cancelled.clone()).unwrap();
+        running.robot(Robot::new()).await
+    };
+    let (ended, robot) = tokio::join!(executing, meanwhile);
+    assert_eq!(ended.unwrap_err(), cancelled);
+    assert_eq!(robot.lock().unwrap().state.last_command, None, "nothing was sent");
     running.stop().await;
 }

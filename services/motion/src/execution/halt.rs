@@ -52,7 +52,7 @@ impl Execution {
         // Further than the horizon it has nothing to follow.
         let gone_on_ms = (now_ms.saturating_sub(since_ms) as f64).min(self.settings.horizon_ms);
         let stream = &self.current().set_points;
-        let halt = halted(stream, shown_ms + gone_on_ms + self.settings.halt_lead_ms, &self.settings.model.driven_limits());
+        let halt = halted(stream, shown_ms + gone_on_ms + self.halt_lead_ms(), &self.settings.model.driven_limits());
         let first = stream.partition_point(|p| p.t_ms <= shown_ms).saturating_sub(1);
         let before = stream[first..].iter().take_while(|p| halt.first().is_some_and(|slows| p.t_ms < slows.t_ms));
         before.copied().chain(halt.iter().copied()).collect()
@@ -66,11 +66,19 @@ impl Execution {
         if waited_ms > longest_ms {
             return self.end_halt(now_ms);
         }
-        if self.is_taken(halt.first_seq) || waited_ms >= self.settings.halt_lead_ms {
+        if self.is_taken(halt.first_seq) || waited_ms >= self.halt_lead_ms() {
             return self.kept_alive();
         }
         let set_points = halt.set_points.clone();
         vec![ExecutionAction::Send(RobotCommand { set_points, ends_stream: true, ..self.command() })]
+    }
+
+    /// How far ahead of the robot slowing down begins, milliseconds of robot time.
+    fn halt_lead_ms(&self) -> f64 {
+        match self.last_state.horizon_ms {
+            Some(_) => self.settings.whole_halt_lead_ms,
+            None => self.settings.halt_lead_ms,
+        }
     }
 
     pub(super) fn end_halt(&mut self, now_ms: u64) -> Vec<ExecutionAction> {

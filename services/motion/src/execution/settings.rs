@@ -23,6 +23,8 @@ pub struct ExecutionSettings {
     /// How far ahead of the robot a cancelled stream begins to slow down, milliseconds of robot time: longer than a state and a command take,
     /// shorter than the horizon. Default 150.
     pub halt_lead_ms: f64,
+    /// The same for a robot whose controller takes whole trajectories: it is told of what lies beyond its own lead alone. Default 400.
+    pub whole_halt_lead_ms: f64,
     /// How far behind its stream the robot may be at the end, milliseconds of robot time. Default 3000.
     pub lag_ms: f64,
 }
@@ -38,6 +40,7 @@ impl Default for ExecutionSettings {
             state_timeout_ms: 1500,
             gripper_timeout_ms: 3000.0,
             halt_lead_ms: 150.0,
+            whole_halt_lead_ms: 400.0,
             lag_ms: 3000.0,
         }
     }
