@@ -164,9 +164,9 @@ def stand_aside(programs, arm, by_rad=0.6):
     arm.q_rad = [READY_RAD[0] + by_rad, *READY_RAD[1:]]
 
     def is_heard_of():
-        # Where it stands less than its tolerance from where it was set, the bridge holds on to that.
+        # Where it stands a few milliradians from where it was set, the bridge holds on to that.
         state = programs.robot_state()
-        return state and abs(state["q_rad"][0] - arm.q_rad[0]) < 0.1
+        return state and abs(state["q_rad"][0] - arm.q_rad[0]) < 0.01
 
     until("the bridge has heard of it", is_heard_of)
 
@@ -220,4 +220,6 @@ def test_a_bridge_that_ends_or_is_killed_leaves_no_arm_moving(programs, system, 
         assert [event.outcome[0] for event in arm.arm.ended.values()][-1] == CANCELED, how
         assert moving.wait(60) != 0
         until("a reset", lambda: subprocess.run(reset, capture_output=True, timeout=30).returncode == 0)
+        # For this bridge something may be between fingers that are half open.
+        programs.robot("open")
         until("it stands again", lambda: "standing" in str(diagnostics.messages[-1:]) or None)

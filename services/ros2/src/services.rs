@@ -230,9 +230,9 @@ fn described(plan: &MotionPlan, robot: &RobotConfig) -> ros::PlanResponse {
     for phase in &plan.phases {
         response.phases.push(phase.name.as_str().to_owned());
         response.phase_starts_s.push(start_ms * 1e-3);
-        // A stretch begins where the one before ends.
+        // A stretch begins where the one before ends, and the first where the arm stands.
         let points = trajectory(&robot.joints, &phase.set_points, -start_ms).points;
-        response.trajectory.points.extend(points.into_iter().skip(usize::from(start_ms > 0.0)));
+        response.trajectory.points.extend(points.into_iter().skip(1));
         start_ms += phase.set_points.last().map_or(0.0, |p| p.t_ms);
     }
     response

@@ -25,8 +25,6 @@ pub struct CellWorld {
     hand: SimulatedHand,
     /// The arm, to be commanded and watched.
     pub arm: Arm,
-    /// Whether the hand was stopped with the arm.
-    hand_halted: bool,
     ticks: u64,
     pictures: u64,
     /// The last true picture, with what it shows.
@@ -77,18 +75,7 @@ impl CellWorld {
     pub fn with_scene(scene: SimulatedScene, settings: CellSettings, arm: ArmSettings, hand: HandSettings) -> Self {
         let arm = Arm::new(arm);
         let (world, hand_in_world) = furnished(&scene, &settings, &arm, hand);
-        Self {
-            settings,
-            hand_settings: hand,
-            scene,
-            world,
-            hand: hand_in_world,
-            arm,
-            hand_halted: false,
-            ticks: 0,
-            pictures: 0,
-            drawn: None,
-        }
+        Self { settings, hand_settings: hand, scene, world, hand: hand_in_world, arm, ticks: 0, pictures: 0, drawn: None }
     }
 
     /// Clears the table and sets up the scene of another seed; the arm goes back to its ready pose.
@@ -112,10 +99,8 @@ impl CellWorld {
             self.arm.tick(now_s);
         }
         self.ticks += ticks as u64;
-        let is_stopped = self.arm.stop().is_some();
-        let was_halted = std::mem::replace(&mut self.hand_halted, is_stopped);
         // As at a robot: fingers that press on something go on, for it must not fall.
-        if is_stopped && !was_halted && !self.hand.grips(&mut self.world) {
+        if self.arm.take_hand_halt() && !self.hand.grips(&mut self.world) {
             self.hand.halt();
         }
         if let Some(command) = self.arm.take_gripper() {

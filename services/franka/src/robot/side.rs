@@ -93,8 +93,6 @@ pub struct Side {
     arm: Option<Arm>,
     hand: Hand,
     had_hand: bool,
-    /// Whether the hand was told of the latched stop.
-    hand_halted: bool,
     /// What the robot said last; none while it is not connected, and none of a motion that has ended.
     reading: Option<Reading>,
     /// The robot's clock at the last reading, milliseconds.
@@ -119,7 +117,6 @@ impl Side {
             arm: None,
             hand: Hand::default(),
             had_hand: false,
-            hand_halted: false,
             reading: None,
             clock_ms: None,
             robot_ms: 0,
@@ -311,9 +308,7 @@ impl Side {
 
     /// What the hand is to leave off, once for every stop that latches.
     pub fn take_hand_halt(&mut self) -> Option<HandHalt> {
-        let is_stopped = self.arm.as_ref().is_some_and(|arm| arm.stop().is_some());
-        let was_halted = std::mem::replace(&mut self.hand_halted, is_stopped);
-        (is_stopped && !was_halted).then(|| self.hand.halt())
+        self.arm.as_mut()?.take_hand_halt().then(|| self.hand.halt())
     }
 
     /// The command that the hand is to be given now, with its number.

@@ -82,12 +82,16 @@ struct Came<T> {
     header: Header,
     picture: T,
     arrived: Instant,
+    /// The same, nanoseconds since the Unix epoch.
+    arrived_ns: u64,
 }
 
 /// A whole picture that waits for its transform.
 struct Waiting {
     made: Made,
     frame_id: String,
+    /// When its depth came, nanoseconds since the Unix epoch.
+    arrived_ns: u64,
     since_ms: u64,
 }
 
@@ -169,7 +173,8 @@ impl CameraStream {
             self.lose(Lost::Late, format!("{what} was {age_ms} ms old when it came, at most {most} ms are allowed; {hint}"));
             return None;
         }
-        Some(Came { header, picture, arrived: taken.arrived })
+        let waited_ns = taken.arrived.elapsed().as_nanos() as u64;
+        Some(Came { header, picture, arrived: taken.arrived, arrived_ns: now.ns.saturating_sub(waited_ns) })
     }
 
     /// The next frame that is whole; `place` tells where one frame of the transforms is in another at an instant.
@@ -178,9 +183,9 @@ impl CameraStream {
             let Some(waiting) = &self.waiting else {
                 let (stamp_ns, depth, color) = self.pairing.next(now.ms)?;
                 let complete = color.as_ref().map_or(depth.arrived, |color| color.arrived.max(depth.arrived));
-                let frame_id = self.config.frame.clone().unwrap_or(depth.header.frame_id);
+                let (frame_id, arrived_ns) = (self.config.frame.clone().unwrap_or(depth.header.frame_id), depth.arrived_ns);
                 match self.frame(stamp_ns, depth.picture, color.map(|color| color.picture)) {
-                    Ok(frame) => self.waiting = Some(Waiting { made: Made { frame, complete }, frame_id, since_ms: now.ms }),
+                    Ok(frame) => self.waiting = Some(Waiting { made: Made { frame, complete }, frame_id, arrived_ns, since_ms: now.ms }),
                     Err((why, words)) => self.lose(why, words),
                 }
                 continue;
@@ -188,10 +193,10 @@ impl CameraStream {
             let waited_ms = now.ms.saturating_sub(waiting.since_ms);
             match self.pose(&place, &waiting.frame_id, waiting.made.frame.stamp_ns) {
                 Ok(pose) => {
-                    let Waiting { mut made, .. } = self.waiting.take()?;
+                    let Waiting { mut made, arrived_ns, .. } = self.waiting.take()?;
                     made.frame.camera.world_from_camera = Some(pose);
                     if self.config.stamp_on_arrival {
-                        made.frame.stamp_ns = now.ns;
+                        made.frame.stamp_ns = arrived_ns;
                     }
                     self.counts.frames += 1;
                     return Some(made);

@@ -48,7 +48,7 @@ pub struct CameraConfig {
     /// How old a picture may be when it comes, by its stamp and this machine's clock, milliseconds; older ones are late. Default 2000.
     #[serde(default = "max_age_ms")]
     pub max_age_ms: u64,
-    /// Whether frames are stamped with their arrival, where ROS's clock is not this machine's (`use_sim_time`). Default false.
+    /// Whether frames are stamped with when their depth came, where ROS's clock is not this machine's (`use_sim_time`). Default false.
     #[serde(default)]
     pub stamp_on_arrival: bool,
 }

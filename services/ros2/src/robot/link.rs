@@ -13,11 +13,13 @@ use repose_ros_messages::{
 };
 use repose_runtime::{Sample, Session, Shutdown, Subscription, Traffic, refuse_a_second_driver};
 use tokio::sync::mpsc;
+use tokio::task::JoinSet;
 use tokio::time::{Interval, MissedTickBehavior};
 
+use super::events::{Do, HandTold, Told};
 use super::goal::goal_of;
-use super::side::{Do, HandTold, RosSide, Told};
-use super::unended::BEFORE;
+use super::side::RosSide;
+use super::unended::OTHERS;
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
 use crate::node::{ALL_GOALS, ActionClient, ActionTypes, Canceled, GoalHandle, Heard, Node, RosSubscription, now_ns};
@@ -50,7 +52,7 @@ struct Controllers {
 }
 
 /// The newest goal of a controller whose unanswered cancel was logged. Each goal's is logged once: the cancel is sent four times a second for as long as
-/// the controller is away, which may be a weekend. For goals from before this start, whose controller may not be there yet, the reports say it.
+/// the controller is away, which may be a weekend. For those of others, whose controller may not be there yet, the reports say it.
 #[derive(Clone, Default)]
 struct Unanswered(Arc<AtomicU64>);
 
@@ -76,7 +78,8 @@ enum Answer {
 /// What a robot is told on both networks.
 struct Heeded {
     stops: Subscription,
-    commands: Subscription,
+    /// Commands with when they came: their time to live counts from there.
+    commands: mpsc::Receiver<(Instant, Sample)>,
     joints: RosSubscription<JointState>,
     told: mpsc::Receiver<Answer>,
     arm: Arc<ArmClient>,
@@ -85,6 +88,7 @@ struct Heeded {
     ending: Shutdown,
     /// Whether it is ending.
     ends: bool,
+    _readers: JoinSet<()>,
 }
 
 /// What has come, or that it is time for a step.
@@ -92,7 +96,7 @@ enum Event {
     Stop(Sample),
     Told(Answer),
     Joints(Result<JointState, BridgeError>),
-    Command(Sample),
+    Command(Instant, Sample),
     Feedback,
     /// Something stalls the fingers on their way to this goal of the hand.
     Stalled(GoalHandle),
@@ -135,10 +139,11 @@ pub async fn run(
             Event::Joints(Ok(state)) => side.joints(&state, now_ms()),
             Event::Joints(Err(error)) => reports.warn(&robot.name, "joints", &format!("{}: {error}", robot.joint_states)),
             // What would clear the stop, or begin something new, comes too late.
-            Event::Command(_) if heeded.ends => {}
-            Event::Command(sample) => {
+            Event::Command(..) if heeded.ends => {}
+            Event::Command(arrived, sample) => {
                 let command = sample.payload.decode_json::<RobotCommand>();
-                match command.and_then(|command| side.command(&command, now_ms(), now_ms())) {
+                let arrived_ms = arrived.saturating_duration_since(started).as_millis() as u64;
+                match command.and_then(|command| side.command(&command, arrived_ms, now_ms())) {
                     Ok(todo) => todo.into_iter().for_each(|todo| controllers.carry_out(todo)),
                     // Repeats are refused as a matter of course.
                     Err(error) => tracing::debug!(robot = robot.name, %error, "a command was not taken"),
@@ -208,9 +213,10 @@ impl Heeded {
         let cell = session.cell();
         let mut steps = tokio::time::interval(STEP);
         steps.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut readers = JoinSet::new();
         Ok(Self {
             stops: session.subscribe_queue(&cell.robot_estop(&robot.name), WAITING).await?,
-            commands: session.subscribe_queue(&cell.robot_command(&robot.name), WAITING).await?,
+            commands: dated(session.subscribe_queue(&cell.robot_command(&robot.name), WAITING).await?, &mut readers),
             joints: node.subscribe(&robot.joint_states, "sensor_msgs/msg/JointState", Qos::DEFAULT).await?,
             told,
             arm: controllers.arm.clone(),
@@ -218,6 +224,7 @@ impl Heeded {
             steps,
             ending: ending.clone(),
             ends: false,
+            _readers: readers,
         })
     }
 
@@ -233,7 +240,7 @@ impl Heeded {
                 }
                 Some(told) = self.told.recv() => Some(Event::Told(told)),
                 message = self.joints.recv() => message.map(Event::Joints),
-                sample = self.commands.recv() => sample.map(Event::Command),
+                command = self.commands.recv() => command.map(|(arrived, sample)| Event::Command(arrived, sample)),
                 heard = self.arm.heard() => match heard {
                     Heard::Feedback(_) => Some(Event::Feedback),
                     _ => continue,
@@ -243,6 +250,19 @@ impl Heeded {
             };
         }
     }
+}
+
+/// What comes on a subscription with when it came, though it may be taken late; `readers` keeps the task.
+fn dated(mut samples: Subscription, readers: &mut JoinSet<()>) -> mpsc::Receiver<(Instant, Sample)> {
+    let (came, dated) = mpsc::channel(WAITING);
+    readers.spawn(async move {
+        while let Some(sample) = samples.recv().await {
+            if came.send((Instant::now(), sample)).await.is_err() {
+                return;
+            }
+        }
+    });
+    dated
 }
 
 /// The state, where it is time for one or the mode is another.
@@ -284,7 +304,7 @@ impl Controllers {
 
     /// The id of the goal of that number.
     fn id(&self, number: u64) -> GoalHandle {
-        if number == BEFORE {
+        if number == OTHERS {
             return ALL_GOALS;
         }
         let mut uuid = [0; 16];
@@ -388,9 +408,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cancel_that_is_not_answered_for_a_weekend_is_said_once_a_goal_and_never_of_those_of_before() {
+    fn a_cancel_that_is_not_answered_for_a_weekend_is_said_once_a_goal_and_never_of_those_of_others() {
         let unanswered = Unanswered::default();
-        let said = [BEFORE, BEFORE, 3, 3, 5, 3, 5].map(|number| unanswered.is_news(number));
+        let said = [OTHERS, OTHERS, 3, 3, 5, 3, 5].map(|number| unanswered.is_news(number));
         assert_eq!(said, [false, false, true, false, true, false, false]);
     }
 }

@@ -1,5 +1,6 @@
 //! The robot's side of a cell's keys for a robot of ROS 2: set-points in, trajectories for its controllers out.
 
+pub mod events;
 pub mod goal;
 pub mod hand;
 pub mod link;

@@ -7,19 +7,24 @@
 //! latches a stop, the arm's and the hand's alike, and so does the start of this process. A stop, whoever latches it, cancels every goal that is not
 //! known to have ended, again and again until each has, and is not cleared before the arm's have; the hand's goal too, unless something is between the
 //! fingers, and also after the stop: a hand's controller that is gone does not keep the arm stopped. What processes before this one left is such a
-//! goal. Then the arm stands where its joints are measured.
+//! goal, and at an emergency stop what other clients may have sent. Then the arm stands where its joints are measured, and so does one that nobody
+//! here moves and whose joints are moved all the same.
+//!
+//! Another trajectory takes the place of one on its way from [`REPLACE_LEAD_MS`] ahead: see there.
 //!
 //! Pure: events and time come in, what is to be done goes out.
 
+use repose_panda::held_off::HELD_OFF_RAD;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode, RobotState, SetPoint};
 use repose_proto::{CallError, RigidTransform};
 use repose_robot_side::{Arm, ArmSettings, StateDetails, TICK_S, state_of};
-use repose_ros_messages::{FollowJointTrajectoryResult, GripperCommandResult, JointState, JointTrajectory, status};
+use repose_ros_messages::{FollowJointTrajectoryResult, JointState, status};
 
-use super::goal::{Goal, GoalState, trajectory};
+use super::events::{Do, HandTold, Told};
+use super::goal::{Goal, GoalState, Handover, REPLACE_LEAD_MS};
 use super::hand::Hand;
 use super::measured::Measured;
-use super::unended::{BEFORE, Unended};
+use super::unended::Unended;
 use crate::config::RobotConfig;
 
 /// How far ahead set-points are asked for, milliseconds: the whole of any stream.
@@ -31,55 +36,13 @@ const CATCH_UP_S: f64 = 0.06;
 /// By how much joint states, and a controller's word that it has begun, may be late, milliseconds. An arm on its way follows when its joints are
 /// where the stream has them within that time.
 const LATE_MS: f64 = 250.0;
+/// How far the joints may be measured from where a stream starts, radians: a controller goes to its first point within milliseconds from where they
+/// are.
+const START_OFF_RAD: f64 = 0.02;
+/// How far a controller is taken to be ahead of the arm's stream at most when another goal comes to it, milliseconds.
+const MOST_AHEAD_MS: u64 = 50;
 /// By how much a result may follow the end of the trajectory before it is overdue, beside the controller's time, milliseconds.
 const SLACK_MS: f64 = 1000.0;
-
-/// What is to be done.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Do {
-    /// Send the arm's controller a goal.
-    Follow(u64, JointTrajectory),
-    /// Cancel it.
-    Cancel(u64),
-    /// Send the hand's controller a goal: position of its joint (metres), effort (newtons).
-    Grip(u64, f64, f64),
-    /// Cancel that one.
-    CancelGrip(u64),
-}
-
-/// What the arm's controller says of a goal, by its number.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Told {
-    /// It accepts.
-    Accepted(u64),
-    /// It refuses: why.
-    Refused(u64, String),
-    /// It does not answer, and may have accepted: why.
-    Unanswered(u64, String),
-    /// It has ended the goal: a state of goals, and the result.
-    Ended(u64, i8, FollowJointTrajectoryResult),
-    /// Its end was not heard of: why.
-    Lost(u64, String),
-    /// It answers to a cancel that it is ending the goal.
-    Ending(u64),
-    /// It answers to a cancel that it carries out no such goal.
-    NotThere(u64),
-}
-
-/// What the hand's controller says of a goal, by its number.
-#[derive(Debug, Clone, PartialEq)]
-pub enum HandTold {
-    /// It refuses: why.
-    Refused(u64, String),
-    /// Something stalls the fingers on their way.
-    Stalled(u64),
-    /// It has ended the goal: a state of goals, and the result.
-    Ended(u64, i8, GripperCommandResult),
-    /// It does not answer, and may have taken the goal, or its end was not heard of: why.
-    Lost(u64, String),
-    /// It answers to a cancel that it carries out no such goal.
-    NotThere(u64),
-}
 
 /// One robot.
 pub struct RosSide {
@@ -90,9 +53,13 @@ pub struct RosSide {
     hand: Hand,
     /// The goal that the arm follows.
     goal: Option<Goal>,
-    /// That one, and those before it that may not have ended.
+    /// That one, and those before it and of others that may not have ended.
     unended: Unended,
     goals: u64,
+    /// The least time that the controller has taken to accept a goal, milliseconds, and no more than [`MOST_AHEAD_MS`].
+    accepts_in_ms: u64,
+    /// When the arm last arrived on a goal, milliseconds.
+    arrived_ms: Option<u64>,
     /// The stream that the controller has.
     stream: Vec<SetPoint>,
     world_from_base: Option<RigidTransform>,
@@ -107,14 +74,16 @@ impl RosSide {
     pub fn new(config: RobotConfig, settings: ArmSettings) -> Self {
         Self {
             measured: Measured::new(&config),
+            hand: Hand::found(config.gripper_action.is_some()),
             world_from_base: config.world_from_base,
             config,
             settings,
             arm: None,
-            hand: Hand::default(),
             goal: None,
             unended: Unended::default(),
             goals: 0,
+            accepts_in_ms: MOST_AHEAD_MS,
+            arrived_ms: None,
             stream: Vec::new(),
             stepped_ms: 0,
             owed_s: 0.0,
@@ -165,20 +134,27 @@ impl RosSide {
             self.hand.measured(width_m, now_ms);
         }
         let Some(q_rad) = self.measured.q_rad().filter(|_| whole) else { return };
-        let is_on_its_way = self.is_on_its_way(&q_rad);
+        let (is_on_its_way, may_be_late) = (self.is_on_its_way(&q_rad), self.may_be_late(now_ms));
         let settings = self.settings;
         if self.arm.is_none() {
             // What an earlier process had sent is whole in the controller, and may still move the arm.
-            self.unended.sent(BEFORE);
+            self.unended.others_may_have_sent();
         }
         let arm = self.arm.get_or_insert_with(|| Arm::found_at(q_rad, settings, now_ms as f64 * 1e-3, None));
         // While the controller has not begun, the arm's stream has not either.
         if !is_on_its_way && self.goal.is_none_or(|goal| goal.state != GoalState::Sent) {
             arm.measured(&q_rad);
         }
-        if arm.stop().is_some() {
+        // Others may move an arm that nobody here does. The next stream of an open task begins where the last one ended.
+        let is_free = arm.mode() == RobotMode::Idle && self.goal.is_none() && arm.task().is_none() && !may_be_late;
+        if arm.stop().is_some() || (is_free && self.measured.off_rad(arm.q_rad()) > HELD_OFF_RAD) {
             arm.settle(&q_rad);
         }
+    }
+
+    /// Whether the joints may have been told of as they were before the arm arrived.
+    fn may_be_late(&self, now_ms: u64) -> bool {
+        self.arrived_ms.is_some_and(|arrived_ms| (now_ms.saturating_sub(arrived_ms) as f64) < LATE_MS)
     }
 
     /// Whether the controller's stream has, had or will have the joints here within [`LATE_MS`].
@@ -189,10 +165,11 @@ impl RosSide {
         self.stream.iter().any(|point| (point.t_ms - now_ms).abs() <= LATE_MS && near(point))
     }
 
-    /// Takes an emergency stop.
+    /// Takes an emergency stop. Whoever moves the arm: other clients may have goals at the same controller.
     pub fn emergency_stop(&mut self, stop: &EmergencyStop) {
         if let Some(arm) = &mut self.arm {
             arm.emergency_stop(stop);
+            self.unended.others_may_have_sent();
         }
     }
 
@@ -226,41 +203,65 @@ impl RosSide {
         if let Some(why) = self.not_ready().filter(|_| command.clear_stop && is_stopped) {
             return Err(CallError::precondition(format!("the stop cannot be cleared: {why}")));
         }
+        let may_be_late = self.may_be_late(now_ms);
         let Some(arm) = &mut self.arm else { return Err(CallError::precondition("the joints are not known yet")) };
         let was_moving = arm.mode() == RobotMode::Moving;
-        arm.late_command(command, received_ms as f64 * 1e-3, now_ms as f64 * 1e-3)
-            .map_err(|why| CallError::precondition(format!("command {} of {}: {why}", command.seq, command.owner.id)))?;
+        let refused = |why: String| CallError::precondition(format!("command {} of {}: {why}", command.seq, command.owner.id));
+        let first = command.set_points.first();
+        let off_rad = first.filter(|_| command.starts_stream).map_or(0.0, |first| self.measured.off_rad(&first.q_rad));
+        if off_rad > START_OFF_RAD && may_be_late && arm.mode() == RobotMode::Idle {
+            return Err(refused("the joints are not told of yet where the stream starts".to_owned()));
+        }
+        arm.late_command(command, received_ms as f64 * 1e-3, now_ms as f64 * 1e-3).map_err(|why| refused(why.to_string()))?;
         if arm.mode() != RobotMode::Moving || command.set_points.is_empty() {
             return Ok(None);
         }
         if command.starts_stream {
+            if off_rad > START_OFF_RAD {
+                arm.fault("start_pose_mismatch", format!("a joint was measured {off_rad:.4} rad from where the stream starts"));
+                return Ok(None);
+            }
             if !command.ends_stream {
                 let reason = "a controller of ROS takes whole trajectories, and the command's set-points end before its stream does";
                 arm.fault("horizon_too_short", reason.to_owned());
                 return Ok(None);
             }
+            let at = Handover { from_ms: command.set_points[0].t_ms, lead_ms: 0.0 };
             self.stream.clone_from(&command.set_points);
-            return Ok(self.follow(0.0, GoalState::Sent, now_ms));
+            return Ok(self.follow(at, GoalState::Sent, now_ms));
         }
-        let from = self.stream.partition_point(|p| p.t_ms < command.set_points[0].t_ms);
-        if !was_moving || self.stream[from..] == command.set_points {
+        if !was_moving {
             return Ok(None);
         }
-        self.stream.truncate(from);
-        self.stream.extend_from_slice(&command.set_points);
+        let kept = self.stream.partition_point(|p| p.t_ms < command.set_points[0].t_ms);
+        let stream = [&self.stream[..kept], &command.set_points[..]].concat();
+        Ok(self.replace(stream, now_ms))
+    }
+
+    /// Hands another stream to a controller that is on its way, where it is another one for it. The controller is ahead of the arm's stream when that
+    /// comes to it: its word that it has begun took a while to come, and this takes a while to get there. Both together are what it takes to accept
+    /// a goal.
+    fn replace(&mut self, stream: Vec<SetPoint>, now_ms: u64) -> Option<Do> {
+        let followed_ms = self.arm.as_ref().and_then(Arm::stream_ms).unwrap_or(0.0);
         // A goal that was not accepted yet still is to be begun; one that was goes on under the new one.
-        let (state, from_ms) = match self.goal {
-            Some(goal) if goal.state == GoalState::Sent => (GoalState::Sent, 0.0),
-            _ => (GoalState::Accepted, self.arm.as_ref().and_then(Arm::stream_ms).unwrap_or(0.0)),
+        let (state, ahead_ms) = match self.goal {
+            Some(Goal { state: GoalState::Sent, since_ms, .. }) => {
+                (GoalState::Sent, now_ms.saturating_sub(since_ms).min(self.accepts_in_ms))
+            }
+            _ => (GoalState::Accepted, self.accepts_in_ms),
         };
-        Ok(self.follow(from_ms, state, now_ms))
+        let at = Handover { from_ms: followed_ms + ahead_ms as f64, lead_ms: REPLACE_LEAD_MS };
+        let is_the_same = at.rest(&self.stream) == at.rest(&stream);
+        self.stream = stream;
+        if is_the_same { None } else { self.follow(at, state, now_ms) }
     }
 
     /// Hands the stream to the controller, unless the arm would break a rule on it.
-    fn follow(&mut self, from_ms: f64, state: GoalState, now_ms: u64) -> Option<Do> {
+    fn follow(&mut self, at: Handover, state: GoalState, now_ms: u64) -> Option<Do> {
         let arm = self.arm.as_mut()?;
         let end_ms = self.stream.last()?.t_ms;
-        if let Some((kind, reason)) = broken_rule(arm, end_ms - from_ms, now_ms) {
+        let left_ms = end_ms - arm.stream_ms().unwrap_or(0.0);
+        if let Some((kind, reason)) = broken_rule(arm, left_ms, now_ms) {
             arm.fault(&kind, reason);
             return None;
         }
@@ -270,8 +271,9 @@ impl RosSide {
         }
         self.goals += 1;
         self.unended.sent(self.goals);
-        self.goal = Some(Goal { number: self.goals, state, since_ms: now_ms, duration_ms: end_ms - from_ms });
-        Some(Do::Follow(self.goals, trajectory(&self.config.joints, &self.stream, from_ms)))
+        let duration_ms = left_ms.max(at.lead_ms);
+        self.goal = Some(Goal { number: self.goals, state, since_ms: now_ms, duration_ms });
+        Some(Do::Follow(self.goals, at.trajectory(&self.config.joints, &self.stream)))
     }
 
     /// Takes an answer of the arm's controller.
@@ -302,13 +304,17 @@ impl RosSide {
         };
         match told {
             Told::Accepted(_) if goal.state == GoalState::Sent => {
+                self.accepts_in_ms = self.accepts_in_ms.min(now_ms.saturating_sub(goal.since_ms));
                 self.goal = Some(Goal { state: GoalState::Accepted, since_ms: now_ms, ..goal });
                 self.owed_s = 0.0;
             }
             Told::Accepted(_) | Told::Ending(_) | Told::NotThere(_) => {}
             Told::Refused(_, why) => fault("controller_refused", why),
             Told::Unanswered(_, why) | Told::Lost(_, why) => fault("controller_silent", why),
-            Told::Ended(_, status::SUCCEEDED, _) => self.goal = None,
+            Told::Ended(_, status::SUCCEEDED, _) => {
+                self.goal = None;
+                self.arrived_ms = Some(now_ms);
+            }
             Told::Ended(_, state, result) => {
                 let FollowJointTrajectoryResult { error_code, error_string } = result;
                 fault("controller_aborted", format!("the goal ended {}: {error_string} (error {error_code})", status::name(state)));
@@ -319,14 +325,14 @@ impl RosSide {
     /// Takes an answer of the hand's controller.
     pub fn told_by_hand(&mut self, told: HandTold, now_ms: u64) {
         let failure = match told {
-            HandTold::Refused(number, why) => self.hand.ended(number, None, 0.0).then_some(why),
+            HandTold::Refused(number, why) => self.hand.refused(number).then_some(why),
             HandTold::Stalled(number) => {
                 self.hand.stalled(number);
                 None
             }
             HandTold::Ended(number, state, result) => {
                 let was_there = self.hand.is_there();
-                let was_to = self.hand.ended(number, Some(&result), result.position / self.config.gripper_position_per_width);
+                let was_to = self.hand.ended(number, &result, result.position / self.config.gripper_position_per_width, now_ms);
                 // Some controllers abort a goal that something stalls, and some one to grasp that finds nothing: neither is a failure of theirs.
                 let is_done = state == status::SUCCEEDED || result.stalled || result.reached_goal || was_there || self.hand.is_there();
                 (was_to && !is_done).then(|| format!("the hand's goal ended {} at {:.4} m", status::name(state), result.position))

@@ -1,12 +1,13 @@
 //! The goals that a controller may still be carrying out, and the cancels that they are sent.
 //!
 //! One cancel is not enough: it may get lost, or overtake the goal, or be refused. A goal is here from when it is sent until it is known to have
-//! ended, and while the arm is stopped it is canceled again and again. One more stands for whatever processes before this one left ([`BEFORE`]).
+//! ended, and while the arm is stopped it is canceled again and again. One more stands for those of others ([`OTHERS`]): what processes before this
+//! one left, and what other clients of the controller have sent by the time of an emergency stop.
 
 /// Between two cancels of a goal, milliseconds: one may get lost, or overtake the goal.
 pub const CANCEL_EVERY_MS: u64 = 250;
-/// The number that stands for the goals of earlier processes: it cancels every goal of the controller.
-pub const BEFORE: u64 = 0;
+/// The number that stands for the goals of others: it cancels every goal of the controller.
+pub const OTHERS: u64 = 0;
 /// Goals at most: a commander that changes its stream more often than the controller ends goals is stopped.
 const MOST: usize = 64;
 
@@ -42,6 +43,13 @@ impl Unended {
         self.goals.push(Open { number, canceled_ms: None, ending_ms: None, at_once: false });
     }
 
+    /// Others may have sent goals, too.
+    pub fn others_may_have_sent(&mut self) {
+        if self.goals.iter().all(|goal| goal.number != OTHERS) {
+            self.sent(OTHERS);
+        }
+    }
+
     /// Its controller has accepted it: a cancel that came before that was of no effect.
     pub fn accepted(&mut self, number: u64) {
         self.goals.iter_mut().filter(|goal| goal.number == number).for_each(|goal| goal.at_once = true);
@@ -57,9 +65,9 @@ impl Unended {
         self.goals.retain(|goal| goal.number != number);
     }
 
-    /// The arm has arrived on a goal: those before it gave way to it.
+    /// The arm has arrived on a goal: those of this process before it gave way to it.
     pub fn arrived(&mut self, number: u64) {
-        self.goals.retain(|goal| goal.number > number);
+        self.goals.retain(|goal| goal.number > number || goal.number == OTHERS);
     }
 
     /// The controller says to a cancel that it carries out no such goal. Within `patience_ms` of the first cancel the goal itself may still be on
@@ -87,12 +95,13 @@ impl Unended {
     /// What is to be said of goals that go on though they were canceled for more than `patience_ms`.
     pub fn overdue(&self, now_ms: u64, patience_ms: u64) -> Option<String> {
         let is_overdue = |goal: &&Open| {
-            // Only an answer that comes after that time tells that nothing of before is left.
-            let patience_ms = if goal.number == BEFORE { patience_ms + 2 * CANCEL_EVERY_MS } else { patience_ms };
+            // Only an answer that comes after that time tells that nothing of others is left.
+            let patience_ms = if goal.number == OTHERS { patience_ms + 2 * CANCEL_EVERY_MS } else { patience_ms };
             goal.canceled_ms.is_some_and(|(first_ms, _)| now_ms > first_ms + patience_ms)
         };
-        if self.goals.iter().filter(is_overdue).any(|goal| goal.number == BEFORE) {
-            return Some("the controller has not said that it carries out no goal of before this start: the arm may still move".to_owned());
+        if self.goals.iter().filter(is_overdue).any(|goal| goal.number == OTHERS) {
+            let left = "no goal of another client or of before this start";
+            return Some(format!("the controller has not said that it carries out {left}: the arm may still move"));
         }
         let count = self.goals.iter().filter(is_overdue).count();
         (count > 0).then(|| format!("the controller has not ended {count} of the canceled goals: the arm may still move"))

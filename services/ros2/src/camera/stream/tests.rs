@@ -134,3 +134,22 @@ fn a_frame_waits_for_the_transform_at_its_stamp_for_as_long_as_it_has_patience()
     assert!(stream.next(missing, Now { ms: 100, ..NOW }).is_none());
     assert_eq!(stream.counts().0.lost[&Lost::NoPose], 1);
 }
+
+#[test]
+fn a_frame_that_is_stamped_on_arrival_has_the_stamp_of_its_depth_whatever_it_waited_for() {
+    let settings = "depth = \"/depth_rect\"\ninfo = \"/info\"\ncolor = \"/color\"\nstamp_on_arrival = true";
+    let config: Ros2Config = toml::from_str(&format!("[[cameras]]\nname = \"front\"\n{settings}")).expect("TOML");
+    let mut stream = CameraStream::new(config.cameras[0].clone(), "world".to_owned());
+    stream.info(CameraInfo::read(&synthetic::info("optical", SIDE as u32)).expect("intrinsics"));
+    // So that it is taken as it comes, however slow the machine is.
+    let just_now = Instant::now() + Duration::from_secs(3600);
+    let later = |ms: u64| Now { ms, ns: NOW.ns + ms * 1_000_000 };
+    stream.depth(taken(depth(SIDE), STAMP_NS, just_now), NOW);
+    stream.color(taken(color(SIDE, [0; 3]), STAMP_NS, just_now), later(50));
+    assert!(next(&mut stream).is_none() && stream.waits_for_pose(), "the transform has not come");
+    let there = |_: &str, _: &str, at_ns: u64| {
+        assert_eq!(at_ns, STAMP_NS, "transforms are of ROS's clock");
+        Ok(Isometry3::identity())
+    };
+    assert_eq!(stream.next(there, later(150)).expect("a frame").frame.stamp_ns, NOW.ns);
+}

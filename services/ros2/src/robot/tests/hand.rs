@@ -3,8 +3,8 @@
 use repose_proto::robot::{EmergencyStop, GripperCommand, RobotMode, Task};
 use repose_ros_messages::{GripperCommandResult, status};
 
-use super::trial::Trial;
-use crate::robot::side::{Do, HandTold};
+use super::trial::{Trial, config};
+use crate::robot::events::{Do, HandTold};
 
 /// A trial whose hand was just sent to close, as its goal 1.
 fn gripping() -> Trial {
@@ -42,11 +42,12 @@ fn a_stop_cancels_the_hand_until_its_goal_ends_unless_something_is_between_its_f
         }
         trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
         trial.run(400);
-        assert_eq!(trial.done(), vec![Do::CancelGrip(1); if stalls { 0 } else { 2 }]);
+        assert_eq!(trial.done_of_own(), vec![Do::CancelGrip(1); if stalls { 0 } else { 2 }]);
         assert_eq!(trial.stop_kind().as_deref(), Some("estop"));
         trial.side.told_by_hand(HandTold::Ended(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
         trial.run(400);
-        assert_eq!((trial.done(), trial.stop_kind().as_deref()), (Vec::new(), Some("estop")));
+        assert_eq!((trial.done_of_own(), trial.stop_kind().as_deref()), (Vec::new(), Some("estop")));
+        trial.hears_of_nothing_of_others();
         assert!(trial.clears());
     }
 }
@@ -107,7 +108,7 @@ fn a_goal_of_the_hand_that_fails_latches_a_stop_and_one_that_something_stalls_do
 fn a_goal_of_the_hand_that_a_stop_has_canceled_is_no_failure_when_it_ends_late() {
     let mut trial = gripping();
     trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
-    trial.run(8);
+    trial.hears_of_nothing_of_others();
     assert!(trial.clears());
     trial.side.told_by_hand(HandTold::Ended(1, status::CANCELED, GripperCommandResult::default()), trial.now_ms);
     assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Idle));
@@ -136,4 +137,58 @@ fn a_controller_that_has_ended_a_goal_of_the_hand_tells_so_by_its_result_and_not
     trial.run(4000);
     trial.side.told_by_hand(HandTold::NotThere(1), trial.now_ms);
     assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_settled, "its result is on the way");
+}
+
+#[test]
+fn what_is_thinner_than_the_controllers_tolerance_is_held_once_the_fingers_have_closed_on_it() {
+    let mut trial = Trial::new(true);
+    trial.command(|command| command.gripper = Some(GripperCommand { width_m: 0.0, force_n: 30.0 }));
+    trial.run(8);
+    // Within 10 mm of its position it takes the finger to have arrived: 20 mm of opening.
+    let reached = GripperCommandResult { position: 0.0099, reached_goal: true, ..GripperCommandResult::default() };
+    trial.side.told_by_hand(HandTold::Ended(1, status::SUCCEEDED, reached), trial.now_ms);
+    let gripper = |trial: &mut Trial| {
+        let state = trial.side.state(trial.now_ms, 0).expect("a state");
+        (state.gripper_settled, state.gripper_holding)
+    };
+    for fingers_m in [0.0099, 0.009, 0.008, 0.007, 0.006] {
+        trial.fingers_m = fingers_m;
+        trial.run(100);
+        assert_eq!(gripper(&mut trial), (false, false), "at {fingers_m}: they are still closing");
+    }
+    trial.run(300);
+    assert_eq!(gripper(&mut trial), (true, true));
+}
+
+#[test]
+fn fingers_that_close_on_nothing_within_the_controllers_tolerance_have_settled_when_they_are_there() {
+    let mut trial = gripping();
+    let reached = GripperCommandResult { position: 0.0199, reached_goal: true, ..GripperCommandResult::default() };
+    trial.side.told_by_hand(HandTold::Ended(1, status::SUCCEEDED, reached), trial.now_ms);
+    for (fingers_m, settled) in [(0.0199, false), (0.015, false), (0.0105, true)] {
+        trial.fingers_m = fingers_m;
+        trial.run(8);
+        let state = trial.side.state(trial.now_ms, 0).expect("a state");
+        assert_eq!((state.gripper_settled, state.gripper_holding), (settled, false), "at {fingers_m}");
+    }
+}
+
+#[test]
+fn what_is_in_the_hand_when_a_bridge_starts_is_held_until_the_hand_has_opened() {
+    let mut trial = Trial::started(config(true));
+    trial.fingers_m = 0.025;
+    trial.hears_of_nothing_of_others();
+    assert!(trial.side.state(trial.now_ms, 0).expect("a state").gripper_holding);
+    assert!(trial.clears());
+    trial.command(|command| command.gripper = Some(GripperCommand { width_m: 0.08, force_n: 30.0 }));
+    trial.run(8);
+    trial.fingers_m = 0.04;
+    trial.run(8);
+    let reached = GripperCommandResult { position: 0.04, reached_goal: true, ..GripperCommandResult::default() };
+    trial.side.told_by_hand(HandTold::Ended(1, status::SUCCEEDED, reached), trial.now_ms);
+    trial.run(8);
+    assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_holding);
+    trial.fingers_m = 0.025;
+    trial.run(8);
+    assert!(!trial.side.state(trial.now_ms, 0).expect("a state").gripper_holding, "nothing was told to close on it");
 }

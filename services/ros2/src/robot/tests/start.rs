@@ -7,15 +7,15 @@ use repose_ros_messages::status;
 
 use super::trial::{Trial, config, ended, swing};
 use crate::config::RobotConfig;
-use crate::robot::side::{Do, Told};
-use crate::robot::unended::BEFORE;
+use crate::robot::events::{Do, Told};
+use crate::robot::unended::OTHERS;
 
 #[test]
 fn a_bridge_that_starts_is_stopped_until_somebody_clears_that() {
     let mut trial = Trial::started(config(false));
     assert_eq!(trial.stop_kind().as_deref(), Some("driver_started"));
     assert!(trial.side.state(trial.now_ms, 0).is_some_and(|state| state.since_handling_ms.is_some()), "plans of before are old");
-    trial.hears_of_nothing_before();
+    trial.hears_of_nothing_of_others();
     assert_eq!(trial.stop_kind().as_deref(), Some("driver_started"));
     assert!(trial.clears());
 }
@@ -41,15 +41,15 @@ fn what_an_earlier_process_left_is_canceled_until_the_controller_has_said_that_n
     let mut trial = Trial::started(config(false));
     trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
     trial.run(1000);
-    assert_eq!(trial.done(), vec![Do::Cancel(BEFORE); 5]);
+    assert_eq!(trial.done(), vec![Do::Cancel(OTHERS); 5]);
     assert!(!trial.clears(), "the arm may be on its way");
-    trial.side.told(Told::Ending(BEFORE), trial.now_ms);
+    trial.side.told(Told::Ending(OTHERS), trial.now_ms);
     trial.run(1600);
     assert!(trial.side.overdue_cancels(trial.now_ms).is_some());
-    trial.side.told(Told::NotThere(BEFORE), trial.now_ms);
+    trial.side.told(Told::NotThere(OTHERS), trial.now_ms);
     assert!(!trial.clears(), "the controller may still be ending it");
     trial.run(500);
-    trial.side.told(Told::NotThere(BEFORE), trial.now_ms);
+    trial.side.told(Told::NotThere(OTHERS), trial.now_ms);
     trial.done();
     trial.run(1000);
     assert_eq!((trial.done(), trial.side.overdue_cancels(trial.now_ms)), (Vec::new(), None));
@@ -87,7 +87,7 @@ fn a_bridge_that_is_told_to_end_cancels_the_goal_first() {
 #[test]
 fn a_robot_whose_base_is_not_known_stays_stopped() {
     let mut trial = Trial::started(RobotConfig { world_from_base: None, ..config(false) });
-    trial.hears_of_nothing_before();
+    trial.hears_of_nothing_of_others();
     assert!(!trial.clears());
     assert!(trial.side.unknown_base().is_some_and(|told| told.contains("panda_link0")));
     trial.side.stands(RigidTransform::IDENTITY);

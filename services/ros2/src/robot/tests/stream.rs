@@ -1,12 +1,13 @@
 //! Set-points as goals of the arm's controller, and controllers that do not do as they are told.
 
 use repose_panda::READY;
-use repose_proto::robot::RobotMode;
+use repose_proto::robot::{RobotMode, Task};
 use repose_ros_messages::status;
 
 use super::trial::{Trial, config, ended, halted, side, swing, swung};
 use crate::config::RobotConfig;
-use crate::robot::side::{Do, Told};
+use crate::robot::events::{Do, Told};
+use crate::robot::goal::REPLACE_LEAD_MS;
 
 #[test]
 fn an_arm_is_checked_against_the_limits_of_its_own_model() {
@@ -108,24 +109,91 @@ fn joints_that_are_told_of_late_and_a_bridge_that_pauses_are_no_fault() {
 #[test]
 fn a_stream_that_is_brought_to_rest_on_its_way_takes_the_place_of_the_goal() {
     let mut trial = Trial::new(false);
-    let whole = swing(READY[0], 0.3);
+    let whole = swing(READY[0], 0.1);
     trial.start(whole.clone());
     trial.side.told(Told::Accepted(1), trial.now_ms);
     trial.run(100);
     trial.done();
     trial.command(|command| (command.set_points, command.ends_stream) = (whole[20..].to_vec(), true));
     assert_eq!(trial.done(), [], "what it has already");
-    trial.command(|command| (command.set_points, command.ends_stream) = (halted(READY[0], 0.3), true));
+    trial.command(|command| (command.set_points, command.ends_stream) = (halted(400.0, READY[0], 0.1), true));
     let [Do::Follow(2, trajectory)] = &trial.done()[..] else { panic!("another goal") };
-    assert!(trajectory.points[0].time_from_start.as_ms() <= 10.0);
+    let first_ms = trajectory.points[0].time_from_start.as_ms();
+    assert!(first_ms > REPLACE_LEAD_MS && first_ms <= REPLACE_LEAD_MS + 10.0, "{first_ms}");
     assert_eq!(trajectory.points.last().map(|p| p.velocities[0].abs() < 1e-9), Some(true));
     trial.side.told(ended(1, status::ABORTED), trial.now_ms);
     assert_eq!((trial.stop_kind(), trial.mode()), (None, RobotMode::Moving), "the goal whose place was taken does not matter");
     trial.side.told(Told::Accepted(2), trial.now_ms);
-    trial.joints_rad[0] = halted(READY[0], 0.3)[40].q_rad[0];
-    trial.run(600);
+    trial.joints_rad[0] = halted(400.0, READY[0], 0.1)[40].q_rad[0];
+    trial.run(800);
     trial.side.told(ended(2, status::SUCCEEDED), trial.now_ms);
     assert_eq!(trial.mode(), RobotMode::Idle);
+}
+
+#[test]
+fn a_stream_that_is_over_before_a_controller_could_be_told_otherwise_is_not_sent_again() {
+    let mut trial = Trial::new(false);
+    let whole = swing(READY[0], 0.05);
+    trial.start(whole.clone());
+    trial.side.told(Told::Accepted(1), trial.now_ms);
+    trial.run(840);
+    trial.done();
+    // As it is, with a set-point more.
+    let beside = swung(READY[0], 0.05, 0.8555, 855.5, 1.0);
+    trial.command(|command| (command.set_points, command.ends_stream) = ([&[beside][..], &whole[86..]].concat(), true));
+    assert_eq!((trial.done(), trial.mode()), (Vec::new(), RobotMode::Moving));
+    trial.run(300);
+    trial.side.told(ended(1, status::SUCCEEDED), trial.now_ms);
+    assert_eq!(trial.mode(), RobotMode::Idle);
+}
+
+#[test]
+fn an_arm_that_others_move_stands_where_its_joints_are() {
+    let mut trial = Trial::new(false);
+    let shown = |trial: &mut Trial| trial.side.state(trial.now_ms, 0).expect("a state").q_rad;
+    trial.joints_rad[0] += 0.05;
+    trial.run(40);
+    assert_eq!(shown(&mut trial), trial.joints_rad);
+    for _ in 0..35 {
+        trial.joints_rad[0] += 0.01;
+        trial.run(4);
+        assert_eq!(shown(&mut trial), trial.joints_rad);
+    }
+    let stands_rad = trial.joints_rad;
+    trial.joints_rad[0] += 0.004;
+    trial.run(40);
+    assert_eq!(shown(&mut trial), stands_rad, "a servo's droop is not followed");
+    trial.start(swing(stands_rad[0], 0.1));
+    assert!(matches!(trial.done()[..], [Do::Follow(1, _)]));
+}
+
+#[test]
+fn a_stream_of_an_open_task_that_starts_where_the_joints_are_not_latches_a_stop() {
+    let mut trial = Trial::new(false);
+    trial.command(|command| command.task = Some(Task { id: "t1".to_owned(), open: true, grasps: None }));
+    trial.joints_rad[0] += 0.03;
+    trial.run(40);
+    assert_eq!(trial.side.state(trial.now_ms, 0).expect("a state").q_rad, READY, "the task's next stream starts where it was");
+    trial.start(swing(READY[0], 0.3));
+    assert_eq!((trial.done(), trial.stop_kind().as_deref()), (Vec::new(), Some("start_pose_mismatch")));
+}
+
+#[test]
+fn a_stream_that_follows_another_is_taken_once_the_joints_are_told_of_where_it_starts() {
+    let mut trial = Trial::new(false);
+    trial.start(swing(READY[0], 0.05));
+    trial.side.told(Told::Accepted(1), trial.now_ms);
+    trial.run(1100);
+    trial.side.told(ended(1, status::SUCCEEDED), trial.now_ms);
+    trial.done();
+    let next = || swing(READY[0] + 0.05, 0.05);
+    trial.run(100);
+    assert!(trial.try_start(next()).is_err_and(|why| why.message.contains("not told of yet")));
+    assert_eq!((trial.done(), trial.mode()), (Vec::new(), RobotMode::Idle));
+    trial.joints_rad[0] += 0.05;
+    trial.run(8);
+    trial.start(next());
+    assert!(matches!(trial.done()[..], [Do::Follow(2, _)]));
 }
 
 #[test]

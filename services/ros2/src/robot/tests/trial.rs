@@ -1,13 +1,14 @@
 //! A robot of ROS, its clock, and joints that are where its controller has them.
 
 use repose_panda::READY;
-use repose_proto::RigidTransform;
 use repose_proto::robot::{Owner, RobotCommand, RobotMode, SetPoint};
+use repose_proto::{CallError, RigidTransform};
 use repose_ros_messages::{FollowJointTrajectoryResult, JointState};
 
 use crate::config::RobotConfig;
-use crate::robot::side::{Do, RosSide, Told};
-use crate::robot::unended::BEFORE;
+use crate::robot::events::{Do, Told};
+use crate::robot::side::RosSide;
+use crate::robot::unended::OTHERS;
 
 pub(super) fn config(gripper: bool) -> RobotConfig {
     let hand = if gripper { "gripper_action = \"/hand/gripper_cmd\"\n" } else { "" };
@@ -33,13 +34,13 @@ pub(super) fn swing(from_rad: f64, delta_rad: f64) -> Vec<SetPoint> {
     (0..=100).map(|k| swung(from_rad, delta_rad, f64::from(k) / 100.0, f64::from(k) * 10.0, 1.0)).collect()
 }
 
-/// The same swing slowed down to rest from 200 ms on, within 400 ms.
-pub(super) fn halted(from_rad: f64, delta_rad: f64) -> Vec<SetPoint> {
+/// The same swing slowed down to rest from `slows_ms` on, within 400 ms.
+pub(super) fn halted(slows_ms: f64, from_rad: f64, delta_rad: f64) -> Vec<SetPoint> {
     let at = |k: u32| {
         let u = f64::from(k) / 40.0;
         let rate = 1.0 - u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
-        let s = 0.2 + 0.4 * (u - u.powi(4) * (2.5 - 3.0 * u + u * u));
-        swung(from_rad, delta_rad, s, 200.0 + 10.0 * f64::from(k), rate)
+        let s = 1e-3 * slows_ms + 0.4 * (u - u.powi(4) * (2.5 - 3.0 * u + u * u));
+        swung(from_rad, delta_rad, s, slows_ms + 10.0 * f64::from(k), rate)
     };
     (0..=40).map(at).collect()
 }
@@ -62,7 +63,7 @@ impl Trial {
 
     pub(super) fn ready(config: RobotConfig) -> Self {
         let mut trial = Self::started(config);
-        trial.hears_of_nothing_before();
+        trial.hears_of_nothing_of_others();
         assert!(trial.clears());
         trial
     }
@@ -74,10 +75,10 @@ impl Trial {
         trial
     }
 
-    /// The controller goes on to say that it carries out nothing of before.
-    pub(super) fn hears_of_nothing_before(&mut self) {
+    /// The controller goes on to say that it carries out nothing of others.
+    pub(super) fn hears_of_nothing_of_others(&mut self) {
         self.run(2100);
-        self.side.told(Told::NotThere(BEFORE), self.now_ms);
+        self.side.told(Told::NotThere(OTHERS), self.now_ms);
         self.todo.clear();
     }
 
@@ -106,19 +107,33 @@ impl Trial {
     }
 
     pub(super) fn command(&mut self, change: impl FnOnce(&mut RobotCommand)) {
+        self.try_command(change).expect("taken");
+    }
+
+    pub(super) fn try_command(&mut self, change: impl FnOnce(&mut RobotCommand)) -> Result<(), CallError> {
         self.seq += 1;
         let mut command = RobotCommand::new(Owner { id: "motion-1".to_owned(), epoch: 1 }, self.seq, 500);
         change(&mut command);
-        let todo = self.side.command(&command, self.now_ms, self.now_ms).expect("taken");
+        let todo = self.side.command(&command, self.now_ms, self.now_ms)?;
         self.todo.extend(todo);
+        Ok(())
     }
 
     pub(super) fn start(&mut self, set_points: Vec<SetPoint>) {
-        self.command(|command| (command.set_points, command.starts_stream, command.ends_stream) = (set_points, true, true));
+        self.try_start(set_points).expect("taken");
+    }
+
+    pub(super) fn try_start(&mut self, set_points: Vec<SetPoint>) -> Result<(), CallError> {
+        self.try_command(|command| (command.set_points, command.starts_stream, command.ends_stream) = (set_points, true, true))
     }
 
     pub(super) fn done(&mut self) -> Vec<Do> {
         std::mem::take(&mut self.todo)
+    }
+
+    /// The same but for cancels of what others may have sent.
+    pub(super) fn done_of_own(&mut self) -> Vec<Do> {
+        self.done().into_iter().filter(|todo| *todo != Do::Cancel(OTHERS)).collect()
     }
 
     pub(super) fn mode(&mut self) -> RobotMode {

@@ -12,10 +12,12 @@
 //! latches while it follows set-points, and is taken to stand where it was measured while it does not (somebody has moved it by hand).
 
 mod ignored;
+mod settings;
 #[cfg(test)]
 mod tests;
 
 pub use ignored::Ignored;
+pub use settings::ArmSettings;
 
 use std::collections::VecDeque;
 
@@ -23,22 +25,6 @@ use repose_panda::{CommandRuleSettings, CommandRules, CommanderWatch, Joints, Mo
 use repose_proto::robot::{EmergencyStop, GripperCommand, HeldObject, Owner, RobotCommand, RobotMode, StopState, Task};
 
 use crate::stream::Stream;
-
-/// How the arm is driven.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArmSettings {
-    /// What its state says that it is. Default: the Panda.
-    pub model: Model,
-    /// What set-points are checked against.
-    pub rules: CommandRuleSettings,
-    /// The share of the acceleration and jerk limits that a stop uses where there is room for it.
-    pub gentle_share: f64,
-    /// Set-points that are kept at most; a command that brings more, with those still to follow, is refused.
-    pub max_set_points: usize,
-    /// How far a measured joint may be from its set-point, radians. Default 0.1: set-points of a few radians a second and a servo that is some
-    /// hundredths of a second behind.
-    pub following_tolerance_rad: f64,
-}
 
 /// The stop of an arm that does not follow its set-points.
 pub const FOLLOWING_ERROR: &str = "following_error";
@@ -48,27 +34,6 @@ const ESTOPS: usize = 3;
 
 /// The stop of an arm whose driver has started.
 pub const DRIVER_STARTED: &str = "driver_started";
-
-impl ArmSettings {
-    /// Those of an arm of that model, under its official limits; none where there is no model of that name.
-    pub fn of_model(name: &str) -> Option<Self> {
-        let model = Model::parse(name)?;
-        let rules = CommandRuleSettings { limits: model.limits(), ..CommandRuleSettings::default() };
-        Some(Self { model, rules, ..Self::default() })
-    }
-}
-
-impl Default for ArmSettings {
-    fn default() -> Self {
-        Self {
-            model: Model::Panda,
-            rules: CommandRuleSettings::default(),
-            gentle_share: StopSettings::default().gentle_share,
-            max_set_points: 100_000,
-            following_tolerance_rad: 0.1,
-        }
-    }
-}
 
 /// The arm and its controller.
 #[derive(Debug, Clone)]
@@ -86,6 +51,8 @@ pub struct Arm {
     /// What had stopped it before them, by kind and reason.
     stopped_before: Option<String>,
     braking: Option<Stop>,
+    /// Whether the hand was told to halt for the latched stop.
+    hand_halted: bool,
     gripper: Option<GripperCommand>,
     /// What the last gripper action was to grasp.
     grasps: Option<HeldObject>,
@@ -126,6 +93,7 @@ impl Arm {
             estops: VecDeque::new(),
             stopped_before: None,
             braking: None,
+            hand_halted: false,
             gripper: None,
             grasps: None,
             in_hand: None,
@@ -266,6 +234,12 @@ impl Arm {
     /// The gripper action to carry out, once.
     pub fn take_gripper(&mut self) -> Option<GripperCommand> {
         self.gripper.take()
+    }
+
+    /// Whether the hand is to leave off what it does now: once for every stop that latches, and for that of an arm whose driver has started.
+    pub fn take_hand_halt(&mut self) -> bool {
+        let was_halted = std::mem::replace(&mut self.hand_halted, self.stop.is_some());
+        self.stop.is_some() && !was_halted
     }
 
     /// What the arm is doing.

@@ -456,3 +456,17 @@ fn an_arm_that_does_not_follow_its_set_points_latches_and_one_that_was_moved_by_
     arm.command(&clear, 0.0).expect("taken");
     assert_eq!(arm.mode(), RobotMode::Idle);
 }
+
+#[test]
+fn the_hand_halts_once_for_every_stop_and_for_that_of_a_driver_that_has_started() {
+    let mut arm = Arm::found_at(READY, ArmSettings::default(), 0.0, None);
+    assert_eq!([arm.take_hand_halt(), arm.take_hand_halt()], [true, false]);
+    arm.emergency_stop(&EmergencyStop::read(b"e1"));
+    assert!(!arm.take_hand_halt(), "it was stopped already");
+    let mut clear = command(1, 1, Vec::new());
+    (clear.clear_stop, clear.starts_stream) = (true, false);
+    arm.command(&clear, 0.0).expect("taken");
+    assert!(!arm.take_hand_halt());
+    arm.emergency_stop(&EmergencyStop::read(b"e2"));
+    assert_eq!([arm.take_hand_halt(), arm.take_hand_halt()], [true, false]);
+}
