@@ -108,4 +108,19 @@ mod tests {
         memory.look(&BTreeMap::from([(2, Some(false))]), &undisturbed);
         assert!(memory.remembered(&followed).is_empty(), "it was seen not to hold");
     }
+
+    #[test]
+    fn a_goal_about_something_low_is_not_remembered_once_that_was_taken_away() {
+        // As high as a telephone, from a camera whose pose is known.
+        let seen = |shows_second: bool| {
+            let table = SceneBuilder::table().object(1, [0.0, 0.0], [0.06; 3]);
+            if shows_second { table.object(2, [0.2, 0.1], [0.14, 0.07, 0.009]).scene() } else { table.scene() }
+        };
+        let mut followed = Followed::of(&seen(true));
+        let mut memory = GoalMemory::of(&[goal(2, 1)]);
+        memory.look(&BTreeMap::from([(2, Some(true))]), &BTreeMap::new());
+        followed.look_again(&seen(false));
+        assert_eq!(followed.disturbed(), BTreeMap::from([(2, Fate::Gone)]));
+        assert!(memory.misses(&followed) && memory.remembered(&followed).is_empty());
+    }
 }

@@ -9,7 +9,7 @@ use repose_proto::Scene;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::picture::{DepthComparison, DepthPicture};
+use crate::picture::DepthPicture;
 
 /// Points of an object that are looked at.
 const POINTS: usize = 300;
@@ -46,20 +46,17 @@ pub enum Fate {
     Gone,
 }
 
-/// Whether what was read where the points were to be is behind them: nothing is there.
+/// Whether what was read where the points of an object were to be is behind them: nothing is there.
 pub(crate) fn is_empty(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
-    let (mut read, mut through) = (0usize, 0usize);
-    for reading in points.iter().map(|p| picture.reading(p)) {
-        read += usize::from(reading != DepthComparison::None);
-        through += usize::from(reading == DepthComparison::Behind);
-    }
-    read >= ENOUGH.min(points.len()) && through as f64 > MOST * points.len() as f64
+    let height_m = ends(points, 2).map_or(0.0, |[low_m, high_m]| high_m - low_m);
+    let read: Vec<bool> = points.iter().filter_map(|p| picture.is_empty(p, height_m)).collect();
+    let through = read.iter().filter(|is_empty| **is_empty).count();
+    read.len() >= ENOUGH.min(points.len()) && through as f64 > MOST * points.len() as f64
 }
 
 /// Whether most points are behind what was read there, or nothing was.
 pub(crate) fn is_covered(points: &[Point3<f64>], picture: &DepthPicture) -> bool {
-    let is_unseen = |p: &&Point3<f64>| matches!(picture.reading(p), DepthComparison::Before | DepthComparison::None);
-    points.iter().filter(is_unseen).count() as f64 > MOST * points.len() as f64
+    points.iter().filter(|p| picture.is_covered(p) != Some(false)).count() as f64 > MOST * points.len() as f64
 }
 
 /// How far points are from where they were to be. A part of them may be covered, or may have been before, so that what is compared is where both were
@@ -80,8 +77,7 @@ pub(crate) fn displaced(expected: &[Point3<f64>], seen: &[Point3<f64>], picture:
 
 /// The points that nothing covers: what was read there tells of them.
 fn uncovered(points: &[Point3<f64>], picture: &DepthPicture) -> Vec<Point3<f64>> {
-    let is_open = |p: &&Point3<f64>| matches!(picture.reading(p), DepthComparison::There | DepthComparison::Behind);
-    points.iter().filter(is_open).copied().collect()
+    points.iter().filter(|p| picture.is_covered(p) == Some(false)).copied().collect()
 }
 
 /// Whether most points are near others.

@@ -7,8 +7,9 @@ use nalgebra::{Isometry3, Point3};
 use repose_proto::{CallError, GoalTerm, ObjectSummary, Scene};
 
 use crate::fate::{Fate, Reach, apart, are_near, displaced, is_covered, is_empty, meet, middle, points_of, reach};
-use crate::known::{Known, SAME_SIZE_M, distance_m, edges_of, nearest_first};
+use crate::known::{Known, distance_m, nearest_first};
 use crate::picture::DepthPicture;
+use crate::size::{SAME_SIZE_M, Size};
 
 /// The objects of a first view, followed from view to view.
 ///
@@ -27,17 +28,8 @@ struct Object {
     /// Where they were seen last, some of so many.
     seen: Vec<Point3<f64>>,
     seen_of: usize,
-    /// Its edge lengths in ascending order.
-    edges_m: [f64; 3],
     /// What became of it since something was last carried out.
     fate: Fate,
-}
-
-impl Object {
-    /// Whether something else that is seen may be it by its size.
-    fn is_as_large_as(&self, stranger: &ObjectSummary) -> bool {
-        edges_of(stranger).iter().zip(self.edges_m).all(|(a, b)| (a - b).abs() <= SAME_SIZE_M)
-    }
 }
 
 impl Followed {
@@ -45,7 +37,7 @@ impl Followed {
     pub fn of(scene: &Scene) -> Self {
         let object = |o: &ObjectSummary| {
             let points = points_of(scene, o.id);
-            Object { expected: points.clone(), seen: points, seen_of: o.points, edges_m: edges_of(o), fate: Fate::Stands }
+            Object { expected: points.clone(), seen: points, seen_of: o.points, fate: Fate::Stands }
         };
         Self { known: Known::of(&scene.meta.objects), objects: scene.meta.objects.iter().map(|o| (o.id, object(o))).collect() }
     }
@@ -111,9 +103,16 @@ impl Followed {
     /// be, it may well stand there, and nothing but an object of its size is taken for it.
     pub fn look_for_lost(&mut self, lost: u16, scene: &Scene) {
         let picture = DepthPicture::of(scene);
-        let covered = self.objects.get(&lost).filter(|object| picture.is_some_and(|picture| is_covered(&object.seen, &picture)));
-        let may_be = |stranger: &ObjectSummary| covered.is_none_or(|object| object.is_as_large_as(stranger));
-        self.known.look_for_lost(lost, &scene.meta.objects, may_be);
+        let place = self.objects.get(&lost).zip(picture.as_ref());
+        let may_be_covered = place.is_some_and(|(object, picture)| is_covered(&object.seen, picture));
+        let known_sizes: BTreeMap<u16, Size> = self.objects.iter().map(|(id, object)| (*id, Size::of(&object.seen))).collect();
+        let sizes: BTreeMap<u16, Size> = scene.meta.objects.iter().map(|o| (o.id, Size::of(&points_of(scene, o.id)))).collect();
+        let differs_m = |id: u16, seen: &ObjectSummary| match (known_sizes.get(&id), sizes.get(&seen.id)) {
+            (Some(was), Some(is)) => was.differs_m(is),
+            _ => f64::INFINITY,
+        };
+        let may_be = |stranger: &ObjectSummary| !may_be_covered || differs_m(lost, stranger) <= SAME_SIZE_M;
+        self.known.look_for_lost(lost, &scene.meta.objects, may_be, differs_m);
         self.judge(scene);
     }
 
@@ -137,7 +136,7 @@ impl Followed {
             };
             // One that is seen worse than before keeps what was known of it.
             if object.fate != Fate::Stands || summary.points >= object.seen_of {
-                (object.seen, object.seen_of, object.edges_m) = (now, summary.points, edges_of(summary));
+                (object.seen, object.seen_of) = (now, summary.points);
             }
         }
     }
@@ -175,11 +174,17 @@ impl Followed {
 
     /// Looks for those that are gone among the objects that nobody is, nearest pairs first; they are those from now on.
     fn look_elsewhere(&mut self, scene: &Scene) {
-        let strangers = self.strangers(scene);
+        if self.objects.values().all(|object| object.fate != Fate::Gone) {
+            return;
+        }
+        let strangers = self.strangers(scene).into_iter().map(|o| (o, Size::of(&points_of(scene, o.id))));
+        let strangers: Vec<(&ObjectSummary, Size)> = strangers.collect();
         let mut pairs = Vec::new();
         for (id, object) in self.objects.iter().filter(|(_, object)| object.fate == Fate::Gone && !object.expected.is_empty()) {
             let Some(was) = middle(&object.seen) else { continue };
-            pairs.extend(strangers.iter().filter(|o| object.is_as_large_as(o)).map(|o| (distance_m(o, &was), *id, *o)));
+            let size = Size::of(&object.seen);
+            let alike = strangers.iter().filter(|(_, other)| size.differs_m(other) <= SAME_SIZE_M);
+            pairs.extend(alike.map(|(o, _)| (distance_m(o, &was), *id, *o)));
         }
         for (id, stranger) in nearest_first(pairs) {
             if let Some(object) = self.objects.get_mut(&id)
@@ -195,6 +200,7 @@ impl Followed {
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
+    use repose_geometry::{Aabb, cloud};
 
     use super::*;
     use crate::tests::{Block, block, scene_of};
@@ -265,6 +271,45 @@ mod tests {
         assert_eq!(followed.disturbed(), BTreeMap::new());
         followed.look_again(&at(0.25));
         assert!(matches!(fates(&followed, [1]), [Fate::Moved { .. }]), "{:?}", followed.disturbed());
+    }
+
+    #[test]
+    fn what_is_low_is_gone_once_it_was_taken_away_and_found_elsewhere() {
+        let low = |label: u16, x_m: f64| Block { label, min: [x_m - 0.07, -0.035, 0.0], max: [x_m + 0.07, 0.035, 0.009] };
+        let mut followed = Followed::of(&scene_of(&[low(1, 0.0)]));
+        followed.look_again(&scene_of(&[low(0, 0.0)]));
+        assert_eq!(fates(&followed, [1]), [Fate::Hidden], "it lies there, and was not told from the table");
+        followed.look_again(&scene_of(&[]));
+        assert_eq!(fates(&followed, [1]), [Fate::Gone]);
+        followed.look_again(&scene_of(&[low(5, 0.3)]));
+        let told = fates(&followed, [1]);
+        assert!(matches!(told, [Fate::Moved { by_m }] if (by_m - 0.3).abs() < 0.01), "{told:?}");
+        assert_eq!(followed.known().now(1), Some(5));
+    }
+
+    #[test]
+    fn what_was_pushed_and_turned_is_found_by_its_size() {
+        let first = scene_of(&[Block { label: 1, min: [-0.08, -0.025, 0.0], max: [0.08, 0.025, 0.05] }]);
+        let motion = Isometry3::new(Vector3::new(0.2, 0.0, 0.0), Vector3::z() * 40f64.to_radians());
+        let turned: Vec<Point3<f32>> = first.points_of(1).map(|p| (motion * Point3::from(p).cast::<f64>()).cast::<f32>()).collect();
+        let beside = |others: &[Block]| {
+            let mut scene = scene_of(others);
+            scene.points.extend(turned.iter().map(|p| <[f32; 3]>::from(*p)));
+            scene.labels.resize(scene.points.len(), 9);
+            let centroid_m = cloud::centroid(&turned).expect("it is seen").into();
+            let extent_m = Aabb::of(&turned).expect("it is seen").extent().cast::<f64>().into();
+            scene.meta.objects.push(ObjectSummary { id: 9, points: turned.len(), centroid_m, extent_m, completeness: 1.0, score: None });
+            scene
+        };
+        let is_found = |followed: &Followed| matches!(fates(followed, [1]), [Fate::Moved { .. }]) && followed.known().now(1) == Some(9);
+        let mut followed = Followed::of(&first);
+        followed.look_again(&beside(&[]));
+        assert!(is_found(&followed), "{:?}", followed.disturbed());
+        // What came to light nearer by is as large as the box along the world's axes that goes around it now.
+        let wide = Block { label: 5, min: [-0.22, -0.07, 0.0], max: [-0.09, 0.07, 0.05] };
+        let mut followed = Followed::of(&first);
+        followed.look_for_lost(1, &beside(&[wide]));
+        assert!(is_found(&followed), "{:?}", followed.disturbed());
     }
 
     #[test]

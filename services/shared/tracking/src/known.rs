@@ -5,28 +5,25 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Isometry3, Point3};
 use repose_proto::{CallError, GoalTerm, ObjectSummary};
 
+use crate::size::SAME_SIZE_M;
+
 /// An object found anew is the known one that was to be nearest, up to this far away, metres.
 const SAME_M: f64 = 0.08;
 /// The same for one that was lost on its way, metres.
 const LOST_M: f64 = 0.25;
-/// Edge lengths of one object in two views differ by at most this much, metres.
-pub(crate) const SAME_SIZE_M: f64 = 0.03;
-/// By how much more one object's edges must differ from what is seen than another's, so that it is sooner the other, metres.
+/// By how much more one object's size must differ from what is seen than another's, so that it is sooner the other, metres.
 const SOONER_M: f64 = 0.01;
 
 /// The objects of the first view, and where each is in the newest.
 pub struct Known {
     /// By the id of the first view: the id in the newest one (none when it was not found again), and its centroid.
     pub(crate) now: BTreeMap<u16, (Option<u16>, Point3<f64>)>,
-    /// By the id of the first view: the edge lengths that it had there.
-    edges_m: BTreeMap<u16, [f64; 3]>,
 }
 
 impl Known {
     /// The objects of a first view.
     pub fn of(objects: &[ObjectSummary]) -> Self {
-        let now = objects.iter().map(|o| (o.id, (Some(o.id), Point3::from(o.centroid_m)))).collect();
-        Self { now, edges_m: objects.iter().map(|o| (o.id, edges_of(o))).collect() }
+        Self { now: objects.iter().map(|o| (o.id, (Some(o.id), Point3::from(o.centroid_m)))).collect() }
     }
 
     /// A goal in the ids of the newest view. `field` names it in errors, as `{field}.query` and `{field}.goal[i].anchor`.
@@ -78,14 +75,20 @@ impl Known {
 
     /// Who is who in a new view, after an object (first view's id) was lost or fell: it may be some way off, among the objects that nobody is and that
     /// may be it. One of its size goes before a nearer one of another size, which may have been hidden before; but an object that lies may look smaller
-    /// or larger than it did upright.
-    pub(crate) fn look_for_lost(&mut self, lost: u16, objects: &[ObjectSummary], may_be: impl Fn(&ObjectSummary) -> bool) {
+    /// or larger than it did upright. `differs_m` says by how much the size of what is seen differs from that of an object (first view's id), metres.
+    pub(crate) fn look_for_lost(
+        &mut self,
+        lost: u16,
+        objects: &[ObjectSummary],
+        may_be: impl Fn(&ObjectSummary) -> bool,
+        differs_m: impl Fn(u16, &ObjectSummary) -> f64,
+    ) {
         self.look_again(objects);
         let Some((None, expected)) = self.now.get(&lost) else { return };
         let taken: BTreeSet<u16> = self.now.values().filter_map(|(now, _)| *now).collect();
-        let nobody = objects.iter().filter(|o| !taken.contains(&o.id) && may_be(o) && !self.is_sooner_another(lost, o));
+        let nobody = objects.iter().filter(|o| !taken.contains(&o.id) && may_be(o) && !self.is_sooner_another(lost, o, &differs_m));
         let near = nobody.map(|o| (distance_m(o, expected), o)).filter(|(away_m, _)| *away_m <= LOST_M);
-        let is_other_size = |seen: &ObjectSummary| self.differs_m(lost, seen) > SAME_SIZE_M;
+        let is_other_size = |seen: &ObjectSummary| differs_m(lost, seen) > SAME_SIZE_M;
         let of_size_first = |a: &ObjectSummary, b: &ObjectSummary| is_other_size(a).cmp(&is_other_size(b));
         if let Some((_, found)) = near.min_by(|a, b| of_size_first(a.1, b.1).then(a.0.total_cmp(&b.0)).then(a.1.id.cmp(&b.1.id))) {
             self.is_now(lost, found);
@@ -93,23 +96,10 @@ impl Known {
     }
 
     /// Whether what is seen is sooner another object that is not found again than the lost one, by its size: what goes lost may push others aside.
-    fn is_sooner_another(&self, lost: u16, seen: &ObjectSummary) -> bool {
+    fn is_sooner_another(&self, lost: u16, seen: &ObjectSummary, differs_m: impl Fn(u16, &ObjectSummary) -> f64) -> bool {
         let mut pushed = self.now.iter().filter(|(id, (now, was))| **id != lost && now.is_none() && distance_m(seen, was) <= LOST_M);
-        pushed.any(|(id, _)| self.differs_m(*id, seen) + SOONER_M < self.differs_m(lost, seen))
+        pushed.any(|(id, _)| differs_m(*id, seen) + SOONER_M < differs_m(lost, seen))
     }
-
-    /// By how much the edges of something that is seen differ from those of an object of the first view, metres.
-    fn differs_m(&self, id: u16, seen: &ObjectSummary) -> f64 {
-        let edges_m = self.edges_m.get(&id).copied().unwrap_or_default();
-        edges_m.iter().zip(edges_of(seen)).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
-    }
-}
-
-/// An object's edge lengths in ascending order.
-pub(crate) fn edges_of(object: &ObjectSummary) -> [f64; 3] {
-    let mut edges = object.extent_m;
-    edges.sort_by(f64::total_cmp);
-    edges
 }
 
 /// Which of the objects that are seen is which, of pairs of one (first view's id) and what it may be with how far apart they are, metres: nearest pairs
@@ -138,6 +128,14 @@ mod tests {
         ObjectSummary { id, points: 100, centroid_m, extent_m: [0.1; 3], completeness: 1.0, score: None }
     }
 
+    /// By how much edges differ from those of a first view, metres.
+    fn differing(first: &[ObjectSummary]) -> impl Fn(u16, &ObjectSummary) -> f64 {
+        move |id: u16, seen: &ObjectSummary| {
+            let was = first.iter().find(|o| o.id == id).expect("it is of the first view");
+            (seen.extent_m[0] - was.extent_m[0]).abs()
+        }
+    }
+
     #[test]
     fn objects_are_told_by_where_they_were_put_when_a_view_numbers_them_anew() {
         let mut known = Known::of(&[seen(1, [0.0, 0.0, 0.0]), seen(2, [0.3, 0.0, 0.0]), seen(3, [0.0, 0.4, 0.0])]);
@@ -152,7 +150,8 @@ mod tests {
         assert_eq!(field(3, 1).as_deref(), Some("goals[1].query"), "it is hidden");
         assert_eq!(field(1, 9).as_deref(), Some("goals[1].goal[0].anchor"), "there never was one");
         // A lost one may be some way off, and takes nobody else's place.
-        known.look_for_lost(3, &[seen(7, [0.0, 0.2, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(1, [0.31, 0.0, 0.0])], |_| true);
+        let view = [seen(7, [0.0, 0.2, 0.0]), seen(2, [0.49, 0.01, 0.0]), seen(1, [0.31, 0.0, 0.0])];
+        known.look_for_lost(3, &view, |_| true, |_, _| 0.0);
         assert_eq!(known.translated("goals[1]", 3, &near(2)).expect("it is found").0, 7);
     }
 
@@ -162,15 +161,16 @@ mod tests {
         // 1 rolled off the table, and pushed 2 by 10 cm.
         let first = [sized(1, 0.0, 0.06), sized(2, 0.1, 0.1)];
         let mut known = Known::of(&first);
-        known.look_for_lost(1, &[sized(5, 0.2, 0.1)], |_| true);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.1)], |_| true, differing(&first));
         assert_eq!((known.now(1), known.now(2)), (None, None), "2 was pushed farther than it is looked for");
         // Here it was 1 that rolled as far, and 2 is hidden.
         let mut known = Known::of(&first);
-        known.look_for_lost(1, &[sized(5, 0.2, 0.06)], |_| true);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.06)], |_| true, differing(&first));
         assert_eq!((known.now(1), known.now(2)), (Some(5), None));
         // Those that are as large may be either: the lost one is.
-        let mut known = Known::of(&[sized(1, 0.0, 0.06), sized(2, 0.1, 0.06)]);
-        known.look_for_lost(1, &[sized(5, 0.2, 0.061)], |_| true);
+        let first = [sized(1, 0.0, 0.06), sized(2, 0.1, 0.06)];
+        let mut known = Known::of(&first);
+        known.look_for_lost(1, &[sized(5, 0.2, 0.061)], |_| true, differing(&first));
         assert_eq!((known.now(1), known.now(2)), (Some(5), None));
     }
 
@@ -178,8 +178,9 @@ mod tests {
     fn of_two_that_came_to_light_the_one_of_its_size_is_the_lost_one_though_the_other_is_nearer() {
         let sized = |id: u16, x_m: f64, edge_m: f64| ObjectSummary { extent_m: [edge_m; 3], ..seen(id, [x_m, 0.0, 0.0]) };
         let found = |strangers: &[ObjectSummary]| {
-            let mut known = Known::of(&[sized(1, 0.0, 0.06)]);
-            known.look_for_lost(1, strangers, |_| true);
+            let first = [sized(1, 0.0, 0.06)];
+            let mut known = Known::of(&first);
+            known.look_for_lost(1, strangers, |_| true, differing(&first));
             known.now(1)
         };
         // 4 stood behind it.

@@ -10,6 +10,7 @@ mod fate;
 mod followed;
 mod known;
 mod picture;
+mod size;
 #[cfg(test)]
 mod tests;
 
