@@ -27,7 +27,7 @@
 //! | [`objects`] | finding objects in frames without labels |
 //! | [`masks`] | cleaning instance masks, found or given |
 //! | [`robots`] | telling robots and what they hold from the rest of the picture |
-//! | [`scene`] | the scene's points, summaries of its objects, unseen space |
+//! | [`scene`] | the scene's points, summaries of its objects, unseen space, warnings |
 //! | [`sources`] | frames from disk: folders, sequences of pictures, recordings of ROS 2 |
 //! | [`cameras`], [`endpoints`], [`worker`], [`newest_scenes`], [`unasked`] | the service that [`run`] starts: it follows cameras, publishes a summary of each new scene, keeps the newest scenes by id, and answers `segment`, `latest` and `scene` |
 

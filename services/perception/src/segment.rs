@@ -5,19 +5,17 @@
 
 use repose_geometry::transform::to_row_major;
 use repose_geometry::{Image, Point2, ViewerFrame};
-use repose_proto::scene::WorldFrame;
-use repose_proto::{CameraModel, Frame, ObjectSummary, RigidTransform, Scene, SceneMeta, SceneWarning, Surface, Unseen, limits};
+use repose_proto::{CameraModel, Frame, ObjectSummary, RigidTransform, Scene, SceneMeta, Surface, Unseen, limits};
 
 use crate::error::SegmentError;
 use crate::masks::clean::CleanMasks;
 use crate::masks::hints;
-use crate::objects::coarse::CoarsePicture;
 use crate::objects::find::Found;
-use crate::readings::depth::DepthMap;
 use crate::readings::point_map::strided;
 use crate::scene::cloud::Cloud;
 use crate::scene::summary::{Completeness, summarise};
 use crate::scene::unseen::{self, RayView};
+use crate::scene::warnings;
 use crate::settings::Settings;
 use crate::supports::surfaces::{self, SupportSurface};
 use crate::view::DepthView;
@@ -73,10 +71,12 @@ impl Parts {
         hints::follow(&mut ids, &mut no_objects, &view.depth, &frame.hints).map_err(SegmentError::Frame)?;
         view.leave_out_held(&mut ids, settings);
         let coarse_labels = strided(&ids, view.stride);
-        let masks = CleanMasks::new(ids, no_objects, view.depth.depth_m(), view.camera.fx as f32, settings);
+        // The band is as wide in readings, however many pixels each fills.
+        let of_masks = Settings { borders: settings.borders.repeated(view.depth.repeat_px()), ..settings.clone() };
+        let masks = CleanMasks::new(ids, no_objects, view.depth.depth_m(), view.camera.fx as f32, &of_masks);
         let masks = masks.ok_or_else(|| match view.depth.readings() {
             0 => SegmentError::RobotsOnly { readings: view.readings - view.flying },
-            readings => SegmentError::NothingLeft { readings, border_px: settings.borders.radius_px },
+            readings => SegmentError::NothingLeft { readings, border_px: of_masks.borders.radius_px },
         })?;
 
         let coarse_band = strided(&masks.band, view.stride);
@@ -86,7 +86,7 @@ impl Parts {
             false => Some(id),
         };
         let clean_label = |i: usize| (!coarse_band.pixels()[i]).then(|| coarse_labels.pixels()[i]).and_then(standing);
-        let surfaces = surfaces::find(view.coarse.upward(clean_label), &settings.surfaces);
+        let surfaces = surfaces::find(view.coarse.upward(clean_label), &settings.surfaces, settings.levels.max_slope);
         Ok(Self { scene: scene(view, frame, &masks, surfaces, settings), masks })
     }
 }
@@ -102,8 +102,8 @@ fn scene(view: DepthView, frame: &Frame, masks: &CleanMasks, surfaces: Vec<Suppo
     let covers_m = if robots.bodies.is_empty() { depth.depth_m() } else { &with_robots };
     let completeness = Completeness::measure(depth.depth_m(), covers_m, &masks.labels);
     let mut warnings = robots.warnings;
-    warnings.extend(is_sparse.then(sparse_depth));
-    warnings.extend(doubts(&surfaces, &depth, &coarse, world_frame, frame.labels.is_some(), settings));
+    warnings.extend(is_sparse.then(warnings::sparse_depth));
+    warnings.extend(warnings::doubts(&surfaces, &depth, &coarse, world_frame, frame.labels.is_some(), settings));
     let pixels = depth.depth_m().pixels().len();
     let meta = SceneMeta {
         objects: told(summarise(&cloud.points, &cloud.labels, &completeness), &completeness, frame.labels.is_none()),
@@ -137,64 +137,6 @@ fn told(mut objects: Vec<ObjectSummary>, completeness: &Completeness, found: boo
         object.completeness = micro(object.completeness);
     }
     objects
-}
-
-/// What is to be said of a picture with most readings alone.
-fn sparse_depth() -> SceneWarning {
-    let message = "most readings have none beside them: was depth registered into a larger picture? It shows more in its own size";
-    SceneWarning { field: "depth".to_owned(), message: message.to_owned() }
-}
-
-/// What cannot be right about the camera or masks that were given, judged by the surfaces that the scene has with them.
-fn doubts(
-    surfaces: &[SupportSurface],
-    depth: &DepthMap,
-    coarse: &CoarsePicture,
-    world_frame: WorldFrame,
-    has_given_masks: bool,
-    settings: &Settings,
-) -> Vec<SceneWarning> {
-    /// No depth camera measures below this, metres.
-    const NEAREST_M: f32 = 0.05;
-    /// A place of a few decimetres that is taken for metres lies beyond this, metres, …
-    const FARTHEST_M: f64 = 100.0;
-    /// … and higher or lower than this, metres: a camera stands beside an origin by some centimetres at least. On a map, however large, it does not.
-    const HIGHEST_M: f64 = 20.0;
-    let readings = || coarse.depth_m.pixels().iter().filter(|z| !z.is_nan());
-    let near = readings().filter(|z| **z < NEAREST_M).count();
-    if 2 * near > readings().count() {
-        let message = format!("most readings are nearer than {:.0} mm: is it metres per count?", NEAREST_M * 1e3);
-        return vec![SceneWarning { field: "depth_unit_m".to_owned(), message }];
-    }
-    let camera_m = coarse.world_from_camera.translation.vector;
-    let from_origin_m = camera_m.norm();
-    if world_frame == WorldFrame::Extrinsics && from_origin_m > FARTHEST_M && camera_m.z.abs() > HIGHEST_M {
-        let message = format!("the camera stands {from_origin_m:.0} m from the world's origin: is its place in millimetres?");
-        return vec![SceneWarning { field: "world_from_camera".to_owned(), message }];
-    }
-    if surfaces.iter().any(|s| s.object.is_none()) {
-        return Vec::new();
-    }
-    // Furniture that was labelled as an object is nowhere to be stood on, however right the pose is.
-    let large = surfaces.iter().filter(|s| has_given_masks && s.seen_m2 >= settings.levels.large_m2);
-    if let Some((surface, id)) = large.filter_map(|s| Some((s, s.object?))).max_by(|(a, _), (b, _)| a.seen_m2.total_cmp(&b.seen_m2)) {
-        let message = format!(
-            "label {id} is of a level surface of {:.2} m², and no other is seen: what things stand on must be labelled 0",
-            surface.seen_m2
-        );
-        return vec![SceneWarning { field: "labels".to_owned(), message }];
-    }
-    let mut message = "no level surface is seen on which anything could stand".to_owned();
-    if world_frame == WorldFrame::Extrinsics {
-        message += "; is the camera's pose right?";
-        let inverse =
-            CoarsePicture::new(depth.points(coarse.stride), &coarse.world_from_camera.inverse(), &coarse.of_full, coarse.stride, settings);
-        let of_inverse = surfaces::find(inverse.upward(|_| Some(0)), &settings.surfaces);
-        if of_inverse.iter().any(|s| s.seen_m2 >= settings.levels.large_m2) {
-            message += " With its inverse there is one: it seems to be camera_from_world.";
-        }
-    }
-    vec![SceneWarning { field: "world_from_camera".to_owned(), message }]
 }
 
 /// Surfaces in the wire's form, largest outline first; no more, and with no more corners, than a scene may have.
@@ -236,6 +178,7 @@ mod tests {
     use repose_geometry::transform::look_at;
     use repose_geometry::{Isometry3, Pinhole, Point3, Vector3};
     use repose_proto::CallError;
+    use repose_proto::scene::WorldFrame;
 
     /// A frame of a box of 12 x 10 x 8 cm on a table, with the box labelled 9, and the true camera pose.
     fn frame() -> (Frame, Isometry3<f64>) {
@@ -430,6 +373,46 @@ mod tests {
         let scene = segment(&frame, &Settings { coarse_columns: 160, ..Settings::default() }).unwrap();
         assert_eq!(scene.meta.unseen.pixels_flying, 0);
         assert!(scene.meta.warnings.iter().any(|warning| warning.field == "depth"), "{:?}", scene.meta.warnings);
+    }
+
+    #[test]
+    fn a_pose_two_degrees_off_loses_nothing_of_the_table_and_is_doubted() {
+        let solids = [Solid::cuboid([0.0, 0.1, -0.01], [0.5, 0.5, 0.01]), Solid::cuboid([0.05, 0.0, 0.04], [0.06, 0.05, 0.04])];
+        let (frame, truth) = frame_of(&solids);
+        let seen = |tilt_deg: f64| {
+            let pose = Isometry3::rotation(Vector3::x() * tilt_deg.to_radians()) * truth;
+            let camera = CameraModel { world_from_camera: Some(RigidTransform(to_row_major(&pose))), ..frame.camera.clone() };
+            let meta = segment(&Frame { camera, ..frame.clone() }, &Settings::default()).unwrap().meta;
+            let furniture: Vec<f64> = meta.surfaces.iter().filter(|s| s.object.is_none()).map(|s| s.area_m2).collect();
+            assert_eq!(furniture.len(), 1, "{tilt_deg}: {:?}", meta.surfaces);
+            (furniture[0], meta.warnings)
+        };
+        let ((level_m2, none), (tilted_m2, told)) = (seen(0.0), seen(2.0));
+        assert!(none.is_empty() && (tilted_m2 / level_m2 - 1.0).abs() < 0.02, "{none:?}, {tilted_m2} of {level_m2}");
+        assert!(told.len() == 1 && told[0].field == "world_from_camera" && told[0].message.contains("slopes by 2.0°"), "{told:?}");
+    }
+
+    #[test]
+    fn a_band_is_as_wide_in_readings_where_every_pixel_is_there_twice_in_both_directions() {
+        let (own, _) = frame();
+        let mut depth = own.depth.clone();
+        // Where the box begins, in its rows, a pixel mixes it with what is behind, if that is 6 cm farther.
+        for (i, id) in own.labels.iter().flatten().enumerate().skip(1) {
+            let (near, far) = (own.depth[i], own.depth[i - 1]);
+            if *id == 9 && own.labels.as_ref().is_some_and(|labels| labels[i - 1] == 0) && far > near + 600 {
+                depth[i] = near + (far - near) / 2;
+            }
+        }
+        let own = Frame { depth, color: None, ..own };
+        let doubled = |picture: &[u16]| (0..640 * 480).map(|i| picture[i / 640 / 2 * 320 + i % 640 / 2]).collect::<Vec<u16>>();
+        let camera = CameraModel { width: 640, height: 480, fx: 524.0, fy: 524.0, cx: 319.5, cy: 239.5, ..own.camera.clone() };
+        let twice = Frame { camera, depth: doubled(&own.depth), labels: own.labels.as_deref().map(doubled), ..own.clone() };
+        let [own, twice] = [own, twice].map(|frame| segment(&frame, &Settings::default()).unwrap());
+        let told = |scene: &Scene, times: usize| {
+            [scene.points_of(9).count(), scene.meta.unseen.pixels_on_borders, scene.meta.unseen.pixels_flying].map(|n| n * times)
+        };
+        assert_eq!(told(&twice, 1), told(&own, 4));
+        assert!(own.meta.unseen.pixels_flying > 5, "{:?}", told(&own, 1));
     }
 
     #[test]

@@ -162,9 +162,16 @@ impl Default for LearnedSettings {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BorderSettings {
-    /// Radius of the dilation and of the erosion, pixels of the frame. Raising it removes more stray pixels, and small parts of objects; thin ones
-    /// keep their middle.
+    /// Radius of the dilation and of the erosion, pixels of the frame; where depth was registered into a larger picture and fills blocks of pixels with each
+    /// reading, blocks. Raising it removes more stray pixels, and small parts of objects; thin ones keep their middle.
     pub radius_px: usize,
+}
+
+impl BorderSettings {
+    /// The same in pixels of a picture that repeats each reading so wide.
+    pub fn repeated(&self, repeat_px: usize) -> Self {
+        Self { radius_px: self.radius_px.saturating_mul(repeat_px) }
+    }
 }
 
 impl Default for BorderSettings {
@@ -263,7 +270,7 @@ pub struct LevelSettings {
     pub least_clearance_m: f32,
     /// And within so many standard deviations of the noise.
     pub clearance_deviations: f32,
-    /// Steepest slope of a level, which errors of the camera's pose give it.
+    /// Steepest slope of a level, and of a surface that objects can stand on, which errors of the camera's pose give it.
     pub max_slope: f32,
     /// What lies this far below a plane was seen below it, metres.
     pub seen_below_m: f32,

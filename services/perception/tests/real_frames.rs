@@ -6,9 +6,12 @@ mod real_data;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use repose_geometry::Pinhole;
+use repose_perception::readings::depth::DepthMap;
+use repose_perception::readings::flying;
 use repose_perception::{Settings, frame_folder, segment, segment_with_labels};
 use repose_proto::scene::WorldFrame;
-use repose_proto::{Frame, Scene};
+use repose_proto::{CameraModel, Frame, Scene};
 
 /// The frame folders of a set, in name order; empty, with a message, when the data is not there.
 fn folders(set: &str) -> Vec<PathBuf> {
@@ -116,6 +119,42 @@ fn readings_that_hang_between_surfaces_go_and_hardly_any_other_does() {
         all_removed += removed;
     }
     assert!(all_removed * 10 >= all_mixed * 9, "{all_removed} of {all_mixed}");
+}
+
+/// How many pixels wide a frame repeats each reading, and how many pixels hang between surfaces.
+fn repeated_and_flying(frame: &Frame) -> (usize, usize) {
+    let CameraModel { width, height, fx, fy, cx, cy, depth_unit_m, .. } = frame.camera;
+    let settings = Settings::default();
+    let camera = Pinhole { width, height, fx, fy, cx, cy };
+    let mut depth = DepthMap::new(&frame.depth, depth_unit_m, &camera, settings.max_depth_m);
+    let repeat_px = depth.repeat_px();
+    (repeat_px, flying::remove(depth.depth_m_mut(), fx as f32, &settings.flying).removed)
+}
+
+/// A frame's depth with every pixel twice in both directions.
+fn doubled(frame: &Frame) -> Frame {
+    let from = &frame.camera;
+    let (width, height) = (2 * from.width, 2 * from.height);
+    let depth = (0..width * height).map(|i| frame.depth[i / width / 2 * from.width + i % width / 2]).collect();
+    let [cx, cy] = [from.cx, from.cy].map(|c| 2.0 * c + 0.5);
+    let camera = CameraModel { width, height, fx: 2.0 * from.fx, fy: 2.0 * from.fy, cx, cy, ..from.clone() };
+    Frame { camera, depth, color: None, labels: None, ..frame.clone() }
+}
+
+#[test]
+fn real_cameras_repeat_nothing_and_where_every_pixel_is_there_twice_four_times_as_many_hang_in_the_air() {
+    for folder in folders("sixdof").into_iter().chain(folders("mosd")).chain(folders("desk")) {
+        let mut frame = frame_folder::read(&folder).unwrap();
+        assert_eq!(repeated_and_flying(&frame).0, 1, "{}", folder.display());
+        // Fewer say nothing.
+        if mix_readings_at_outlines(&mut frame) < 6 {
+            continue;
+        }
+        let (repeat_px, own) = repeated_and_flying(&frame);
+        let (twice_px, of_doubled) = repeated_and_flying(&doubled(&frame));
+        println!("{}: {own} of its own size, {of_doubled} of twice that", folder.display());
+        assert_eq!((repeat_px, twice_px, of_doubled), (1, 2, 4 * own), "{}", folder.display());
+    }
 }
 
 #[test]

@@ -119,7 +119,7 @@ mod tests {
         let settings = Settings::default();
         let faces_up = upward::upward_facing(&in_world, &in_camera.map(|p| p.z), 262.0, settings.surfaces.max_tilt_rad);
         let facing = in_world.pixels().iter().zip(faces_up.pixels()).filter(|(_, up)| **up).map(|(p, _)| (*p, 0));
-        let pieces = surfaces::find(facing, &settings.surfaces);
+        let pieces = surfaces::find(facing, &settings.surfaces, settings.levels.max_slope);
         let levels = levels::find(&pieces, &in_camera, &in_world, &Viewpoint::new(&CAMERA, &world_from_camera), &settings.levels);
         let view = CoarseView { in_camera: &in_camera, in_world: &in_world, faces_up: &faces_up, focal_px: 262.0, camera_m: 0.8 };
         let found = find(&view, &levels, &settings.components, &settings.levels, |parts| parts.together.clone());

@@ -203,7 +203,8 @@ mod tests {
         let settings = Settings::default();
         let everything = in_world.pixels().iter().filter(|p| is_reading(p)).map(|p| (*p, 0));
         let viewpoint = Viewpoint::new(&CAMERA, &world_from_camera);
-        let levels = levels::find(&surfaces::find(everything, &settings.surfaces), &in_camera, &in_world, &viewpoint, &settings.levels);
+        let pieces = surfaces::find(everything, &settings.surfaces, settings.levels.max_slope);
+        let levels = levels::find(&pieces, &in_camera, &in_world, &viewpoint, &settings.levels);
         let found = find(&in_camera, &in_world, &levels, viewpoint.camera.z, &settings.components.foreground, &settings.levels);
         let share = |solid: usize| {
             let own: Vec<usize> = (0..320 * 240).filter(|i| seen.pixels()[*i].is_some_and(|(_, k)| k == solid)).collect();

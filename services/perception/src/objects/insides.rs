@@ -17,7 +17,7 @@ use super::regions::{MAX_LOOK_PX, Regions, is_nobodys};
 use crate::readings::upward::arm_px;
 use crate::settings::InsideSettings;
 use crate::supports::extent::Extent;
-use crate::supports::levels::LevelPlane;
+use crate::supports::plane::LevelPlane;
 
 /// Colors that a side is known by.
 const KNOWN_COLORS: usize = 48;

@@ -18,4 +18,5 @@ pub mod regions;
 pub mod seen;
 pub mod spread;
 pub mod tops;
+pub mod upright;
 pub mod watershed;

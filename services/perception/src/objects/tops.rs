@@ -11,7 +11,7 @@ use crate::readings::point_map::PointMap;
 use crate::readings::upward::arm_px;
 use crate::settings::TopSettings;
 use crate::supports::extent::Extent;
-use crate::supports::levels::LevelPlane;
+use crate::supports::plane::LevelPlane;
 
 /// Farthest beyond a border that is looked, pixels.
 const MAX_LOOK_PX: usize = 24;

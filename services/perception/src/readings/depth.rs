@@ -7,6 +7,7 @@ use repose_geometry::{Image, Pinhole, Point3};
 use repose_proto::Frame;
 
 use crate::readings::point_map::{MISSING, PointMap, is_reading};
+use crate::readings::repeats;
 
 /// Pixels further off the optical axis than this (a slope, 84°) hold no reading: no pinhole camera sees them, and extreme intrinsics
 /// would turn them into infinities.
@@ -20,6 +21,8 @@ pub struct DepthMap {
     slope_x: Vec<f32>,
     /// y over z of each row's rays.
     slope_y: Vec<f32>,
+    /// How many pixels wide and high it repeats each reading.
+    repeat_px: usize,
 }
 
 impl DepthMap {
@@ -41,7 +44,9 @@ impl DepthMap {
                 *z = if Frame::is_reading(count) && reading <= max_depth_m && x.abs() <= MAX_SLOPE { reading } else { f32::NAN };
             }
         }
-        Self { depth_m, slope_x, slope_y }
+        // Told by what hangs in the air, before anybody takes that out.
+        let repeat_px = repeats::repeat_px(&depth_m);
+        Self { depth_m, slope_x, slope_y, repeat_px }
     }
 
     /// The depths, metres.
@@ -62,6 +67,11 @@ impl DepthMap {
     /// y over z of each row's rays.
     pub fn slope_y(&self) -> &[f32] {
         &self.slope_y
+    }
+
+    /// How many pixels wide and high each reading is repeated, as where a driver registered it into a larger picture; 1 in a camera's own.
+    pub fn repeat_px(&self) -> usize {
+        self.repeat_px
     }
 
     /// Columns.

@@ -4,4 +4,5 @@ pub mod depth;
 pub mod flying;
 pub mod noise;
 pub mod point_map;
+pub mod repeats;
 pub mod upward;

@@ -1,5 +1,6 @@
-//! The parts of a scene: its points, a summary of each object, and where nothing was seen.
+//! The parts of a scene: its points, a summary of each object, where nothing was seen, and what should be looked into.
 
 pub mod cloud;
 pub mod summary;
 pub mod unseen;
+pub mod warnings;

@@ -152,7 +152,7 @@ mod tests {
 
     fn table() -> SupportSurface {
         let outline = [(-0.4, -0.3), (0.4, -0.3), (0.4, 0.3), (-0.4, 0.3)].map(|(x, y)| Point3::new(x, y, 0.0f32));
-        SupportSurface { height_m: 0.0, outline: Footprint::of(&outline).unwrap(), seen_m2: 0.48, object: None }
+        SupportSurface { height_m: 0.0, outline: Footprint::of(&outline).unwrap(), seen_m2: 0.48, object: None, sloping: None }
     }
 
     /// What is unseen of a table with a box of 10 cm in its middle, from in front; `spoil` changes the picture first.
@@ -244,7 +244,7 @@ mod tests {
         let view = RayView { depth_m: &depth_m, camera: CAMERA, world_from_camera: &world_from_camera };
         let lower = |height_m: f32| {
             let outline = [(0.1, -0.3), (0.4, -0.3), (0.4, 0.3), (0.1, 0.3)].map(|(x, y)| Point3::new(x, y, height_m));
-            SupportSurface { height_m, outline: Footprint::of(&outline).unwrap(), seen_m2: 0.18, object: None }
+            SupportSurface { height_m, outline: Footprint::of(&outline).unwrap(), seen_m2: 0.18, object: None, sloping: None }
         };
         let of = |surfaces: &[SupportSurface]| space(&view, surfaces, &UnseenSettings::default()).unwrap();
         let both = of(&[table(), lower(-0.1)]);

@@ -3,4 +3,5 @@
 pub mod extent;
 pub mod gravity;
 pub mod levels;
+pub mod plane;
 pub mod surfaces;
