@@ -432,11 +432,12 @@ pub struct PlaceResult {
     pub evaluated: u64,
     /// BLAKE3 of the weights; empty for `geometric`.
     pub weights_hash: String,
-    /// BLAKE3 of everything learned that the answers rest on, forecasts as well as networks; empty for `geometric`. One file holds all of it
-    /// today, so that it is `weights_hash`.
+    /// BLAKE3 of everything learned that the answers rest on: the weights with their forecasts, where they were asked, and what comes with the planner
+    /// to complete shapes and to tell what bears what.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub models_hash: String,
-    /// Which kernel computed the scores; empty for `geometric`.
+    /// The kernels that the answers were computed with: the one that scored, where one did, and the planner's own, by which shapes are completed,
+    /// where that is another (`avx2-1+plain-1`).
     pub kernel: String,
     /// The request's seed.
     pub seed: u64,

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use repose_belief::learned::{kernel_id, models_hash};
 use repose_geometry::ViewerFrame;
 use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult};
 use repose_proto::{CallError, ErrorCode, Message};
@@ -18,7 +19,7 @@ use crate::checks::rules::Rules;
 use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
-use crate::learned::models::PlacementModels;
+use crate::learned::models::{PlacementModels, Provenance};
 use crate::scene::prepared::PreparedScene;
 use crate::scene::turned::Turned;
 use crate::search::findings::Findings;
@@ -181,6 +182,7 @@ fn check_demands(request: &PlaceRequest, settings: &PlanSettings) -> Result<(), 
 fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> PlaceResult {
     let PlacementProblem { prepared, rules, request, settings, .. } = judge.problem();
     let provenance = judge.scorer().provenance();
+    let weights_hash = provenance.map_or_else(String::new, |p| p.weights_hash.clone());
     PlaceResult {
         outcome,
         placements: Vec::new(),
@@ -190,9 +192,9 @@ fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> P
         shortfall: None,
         iterations: findings.iterations,
         evaluated: findings.evaluated,
-        weights_hash: provenance.map_or_else(String::new, |p| p.weights_hash.clone()),
-        models_hash: provenance.map_or_else(String::new, |p| p.weights_hash.clone()),
-        kernel: provenance.map_or_else(String::new, |p| p.kernel.clone()),
+        models_hash: models_hash(&weights_hash),
+        weights_hash,
+        kernel: kernels(provenance),
         seed: request.seed,
         scene_id: prepared.scene_id.clone(),
         world_from_camera: prepared.scene.meta.camera.world_from_camera,
@@ -209,6 +211,16 @@ fn without_answers(judge: &Judge<'_>, findings: Findings, outcome: Outcome) -> P
         budget: settings.budget(),
         cost_weights: settings.cost_weights(),
         thresholds: settings.thresholds(),
+    }
+}
+
+/// The kernels that a result was computed with: the one that scored, where one did, and this process's own, on which shapes are completed, where that is
+/// another.
+fn kernels(scored: Option<&Provenance>) -> String {
+    let own = kernel_id();
+    match scored {
+        Some(scored) if scored.kernel != own => format!("{}+{own}", scored.kernel),
+        _ => own.to_owned(),
     }
 }
 

@@ -4,10 +4,13 @@ use std::path::PathBuf;
 
 use repose_networks::{
     Models, Weights, WeightsInfo,
-    parameters::{DISCRIMINATOR, OUTCOME, RELATIONS, WeightMap},
+    parameters::{DISCRIMINATOR, OBJECT, OUTCOME, RELATIONS, WeightMap},
 };
 
 use crate::{error::TrainError, settings::TrainedPart};
+
+/// What weights call the forecast that reads the relation predictor's word: it goes when another predictor comes.
+pub const READS_RELATIONS: &str = "success";
 
 impl TrainedPart {
     /// Whether a parameter or a running statistic belongs to this part. The relation predictor belongs to the joint training too.
@@ -21,7 +24,23 @@ impl TrainedPart {
     }
 }
 
-/// One file's bytes with each part taken from its own weights, recipe and metrics with it. What two parts have is taken from the later.
+/// Takes from weights whose relation predictor is another now the forecast that was fitted with the one before.
+pub fn forget_reader_of_relations(info: &mut WeightsInfo) {
+    if info.forecasts.remove(READS_RELATIONS).is_some() {
+        tracing::warn!(
+            forecast = READS_RELATIONS,
+            "left out, for it was fitted with another relation predictor; `repose train --network success` fits it anew"
+        );
+    }
+}
+
+/// The relation predictor's values, and those of the encoder that it reads.
+fn of_relations(values: &WeightMap) -> impl Iterator<Item = (&String, &(Vec<usize>, Vec<f32>))> {
+    values.iter().filter(|(name, _)| [OBJECT, RELATIONS].iter().any(|prefix| name.starts_with(prefix)))
+}
+
+/// One file's bytes with each part taken from its own weights, recipe and metrics with it. What two parts have is taken from the later. Forecasts come
+/// with the outcome network, whose word they read, but for [`READS_RELATIONS`] where the relation predictor is not the one that it came with.
 ///
 /// # Errors
 /// When the parts together are no whole set of weights.
@@ -37,6 +56,11 @@ pub fn merged(parts: &[(TrainedPart, Weights)]) -> Result<Vec<u8>, TrainError> {
             // They read its word.
             info.forecasts = weights.info.forecasts.clone();
         }
+    }
+    if let Some((_, outcome)) = parts.iter().rfind(|(part, _)| *part == TrainedPart::Outcome)
+        && !of_relations(&values).eq(of_relations(&outcome.values))
+    {
+        forget_reader_of_relations(&mut info);
     }
     let bytes = Weights::to_bytes(&values, &info)?;
     Models::load(&bytes)?;
@@ -66,6 +90,28 @@ mod tests {
     use repose_networks::NetworksConfig;
 
     use super::*;
+
+    #[test]
+    fn the_forecast_that_reads_the_relation_predictor_is_left_out_beside_another_one() {
+        let mut own = Weights::embedded().unwrap();
+        let forecast = own.info.forecasts.values().next().expect("the program's weights have forecasts").clone();
+        own.info.forecasts.insert(READS_RELATIONS.to_owned(), forecast);
+        let forecasts = |joint: &Weights| {
+            let parts = [TrainedPart::Joint, TrainedPart::Discriminator, TrainedPart::Outcome]
+                .map(|part| (part, if part == TrainedPart::Joint { joint.clone() } else { own.clone() }));
+            Weights::from_bytes(&merged(&parts).unwrap()).unwrap().info.forecasts
+        };
+        assert_eq!(forecasts(&own), own.info.forecasts);
+        let mut others = own.info.forecasts.clone();
+        others.remove(READS_RELATIONS);
+        for (changed, kept) in
+            [("relations/out/bias", &others), ("object/sa1/linear1/bias", &others), ("prior/out/bias", &own.info.forecasts)]
+        {
+            let mut joint = own.clone();
+            joint.values.get_mut(changed).expect(changed).1[0] += 0.5;
+            assert_eq!(&forecasts(&joint), kept, "{changed}");
+        }
+    }
 
     #[test]
     fn each_part_comes_from_its_own_file_and_a_missing_one_is_named() {

@@ -22,7 +22,7 @@ use crate::{
     discriminator::MovedPlaces,
     error::TrainError,
     joint::JointTask,
-    merge::mean_with,
+    merge::{forget_reader_of_relations, mean_with},
     outcome::ReleasedPlaces,
     placement::PlacementTask,
     relations::RelationsTask,
@@ -122,6 +122,9 @@ impl Beginning {
                 let config = shapes(settings, Some(&weights.values));
                 let rng = &mut generator(settings.seed, 0, u64::MAX);
                 let networks = Networks::started(&config, &starting(weights.values), rng, &device)?;
+                if settings.part.fits(RELATIONS) {
+                    forget_reader_of_relations(&mut weights.info);
+                }
                 (config, networks, weights.info)
             }
             None if settings.part == TrainedPart::Relations => {

@@ -13,6 +13,7 @@ use repose_networks::{Models, NetworksConfig, Weights};
 use repose_training::{
     Compute, RelationsVariant, TrainError, TrainSettings, TrainedPart,
     curve::Curve,
+    merge::READS_RELATIONS,
     train,
     views::{TRIALS_AT_ONCE, Views},
 };
@@ -184,6 +185,25 @@ fn the_relation_predictor_is_fitted_alone_on_encoders_that_stay_as_they_are() {
     assert_eq!(after, read(&two.out));
     let error = train(&TrainSettings { start: None, ..of(1, 1) }).unwrap_err();
     assert!(matches!(error, TrainError::NoStart(_)), "{error}");
+}
+
+#[test]
+fn the_forecast_that_reads_the_relation_predictor_is_left_out_where_that_is_fitted() {
+    let folder = tempfile::tempdir().unwrap();
+    data(&folder.path().join("data"));
+    let start = folder.path().join("start.safetensors");
+    let mut weights = Weights::from_bytes(&Weights::initial(&NetworksConfig::default(), 3).unwrap()).unwrap();
+    for name in ["stands", READS_RELATIONS] {
+        weights.info.forecasts.insert(name.to_owned(), serde_json::json!({}));
+    }
+    std::fs::write(&start, Weights::to_bytes(&weights.values, &weights.info).unwrap()).unwrap();
+    let [without, with]: [&[&str]; 2] = [&["stands"], &["stands", READS_RELATIONS]];
+    for (part, kept) in [(TrainedPart::Joint, without), (TrainedPart::Relations, without), (TrainedPart::Discriminator, with)] {
+        let out = folder.path().join(format!("{}.safetensors", part.name()));
+        train(&TrainSettings { start: Some(start.clone()), out: out.clone(), ..settings(folder.path(), part, 1, 1) }).unwrap();
+        let written = Weights::from_bytes(&std::fs::read(&out).unwrap()).unwrap();
+        assert_eq!(written.info.forecasts.into_keys().collect::<Vec<_>>(), kept, "{}", part.name());
+    }
 }
 
 #[test]

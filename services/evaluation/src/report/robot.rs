@@ -70,8 +70,11 @@ pub fn text_of(table: &RobotTable) -> String {
 
 /// The columns, in their order.
 const LEGEND: [(&str, &str); 7] = [
-    ("plan", "at the last attempt a placement and a motion to it were found; successes of trials, with 95 % intervals over all objects"),
-    ("grasp", "of those: the object was in the hand when the lift had ended"),
+    (
+        "plan",
+        "a placement and a motion to it were found, at one attempt or more; successes of trials, with 95 % intervals over all objects",
+    ),
+    ("grasp", "of those, at the last attempt that was carried out: the object was in the hand when the lift had ended"),
     (
         "place",
         "of those: it stands within 5 cm of where it was to stand, not tipped by 15 degrees, nothing else moved by 2 cm, and the goal holds",

@@ -9,8 +9,8 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
-use nalgebra::{Isometry3, Vector3};
-use repose_geometry::transform::from_row_major;
+use nalgebra::Isometry3;
+use repose_geometry::transform::{from_row_major, tilt};
 use repose_motion::believed::Heeded;
 use repose_motion::pick_place::plan::PickPlaceError;
 use repose_motion::pick_place::{PickPlaceRequest, PickPlaceSettings, pick_place};
@@ -99,9 +99,9 @@ pub struct RobotTrial {
     pub seed: u64,
     /// What was asked, in the scene's ids; the object is 1.
     pub goal: GoalTerm,
-    /// A placement and a motion to it were found, at the last attempt.
+    /// A placement and a motion to it were found, at one attempt or more.
     pub planned: bool,
-    /// The object was in the hand when the lift had ended, at the last attempt.
+    /// The object was in the hand when the lift had ended, at the last attempt that was carried out.
     pub grasped: bool,
     /// It stands upright within 5 cm of where it was to stand, nothing else was moved, and the goal holds.
     pub placed: bool,
@@ -184,10 +184,10 @@ pub fn robot_trial(
             Ok(Ok(planned)) => planned,
             Ok(Err((cause, detail))) => {
                 if attempt == 0 || trial.cause.is_some_and(Cause::is_unserved) {
-                    (trial.cause, trial.detail) = (Some(cause), detail);
+                    (trial.cause, trial.detail) = (Some(cause), detail.clone());
                 }
                 if cause.is_unserved() && attempt + 1 < settings.attempts {
-                    trial.failed_attempts.push(FailedAttempt { cause: Some(cause), detail: trial.detail.clone() });
+                    trial.failed_attempts.push(FailedAttempt { cause: Some(cause), detail });
                     continue;
                 }
                 break;
@@ -293,8 +293,7 @@ fn judge(problem: &Problem, cell: &CellWorld, wanted: &Isometry3<f64>, reply: &E
     let off_m = (stands.translation.vector - wanted.translation.vector).norm();
     trial.off_m = Some(off_m);
     // Against the start, so that one that was tipped at an earlier attempt and moved as it lay does not pass.
-    let up = |pose: &Isometry3<f64>| pose.rotation.inverse() * Vector3::z();
-    trial.tilt_rad = Some(up(&stands).angle(&up(&problem.truth.objects[query].world_from_object)));
+    trial.tilt_rad = Some(tilt(&problem.truth.objects[query].world_from_object, &stands));
     trial.disturbed = after
         .objects
         .iter()

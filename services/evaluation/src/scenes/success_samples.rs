@@ -42,9 +42,6 @@ const KINDS: [SceneKind; 12] = {
 pub struct SceneAnswers {
     /// The scene.
     pub seed: u64,
-    /// The hash of the outcome network by which they were chosen and measured; none in files of earlier releases.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub outcome_hash: Option<String>,
     /// What was measured of each answer, best first; those with the object as it lies before those on other sides.
     pub measures: Vec<Vec<f32>>,
     /// Whether each succeeded.
@@ -68,8 +65,7 @@ impl SceneAnswers {
     /// The planner's and the engine's, on a problem that they should have been able to take.
     pub fn of(index: u64, engine: &Engine, forecasts: &Arc<Forecasts>) -> Result<Self, CallError> {
         let seed = FIRST_SEED + index;
-        let outcome_hash = Some(engine.outcome_hash().to_owned());
-        let mut answers = Self { seed, outcome_hash, measures: Vec::new(), succeeded: Vec::new() };
+        let mut answers = Self { seed, measures: Vec::new(), succeeded: Vec::new() };
         let (kind, turn) = (KINDS[index as usize % KINDS.len()], index / KINDS.len() as u64);
         let mut settings = ProblemSettings::default();
         settings.scene.kinds = KindWeights::only(kind);

@@ -107,9 +107,9 @@ impl Columns {
 /// A point of the risk–coverage curve: wrong answers against the share of answers given.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RiskCoveragePoint {
-    /// Share of the answers that are given: the surest of them, percent.
+    /// Share of the answers that are to be given: the surest of them, percent.
     pub answered: f64,
-    /// How many that is.
+    /// How many are: more than that share where others are as sure as the least sure of them.
     pub answers: usize,
     /// The least sureness among them: the `--min-success` that gives them.
     pub least: f64,
@@ -127,12 +127,12 @@ fn curve_of(answers: &[(f64, bool)]) -> Vec<RiskCoveragePoint> {
     let mut surest = answers.to_vec();
     surest.sort_by(|a, b| b.0.total_cmp(&a.0));
     let point = |share: usize| {
-        let given = &surest[..surest.len() * share / 100];
+        let (least, _) = *surest[..surest.len() * share / 100].last()?;
+        // Nobody who asks for that sureness gets only some of those that have it.
+        let given = &surest[..surest.partition_point(|(sureness, _)| *sureness >= least)];
         let wrong = given.iter().filter(|(_, right)| !right).count();
-        let (least, _) = given.last()?;
-        let percent = |count: usize, of: usize| 100.0 * count as f64 / of as f64;
-        let wrong_share = percent(wrong, given.len());
-        Some(RiskCoveragePoint { answered: share as f64, answers: given.len(), least: *least, wrong_answers: wrong, wrong: wrong_share })
+        let wrong_share = 100.0 * wrong as f64 / given.len() as f64;
+        Some(RiskCoveragePoint { answered: share as f64, answers: given.len(), least, wrong_answers: wrong, wrong: wrong_share })
     };
     CURVE_AT.into_iter().filter_map(point).collect()
 }
@@ -399,6 +399,18 @@ mod tests {
         assert_eq!((at(100.0).wrong, at(90.0).wrong, at(85.0).wrong), (15.0, 100.0 / 18.0, 0.0));
         assert_eq!((at(90.0).answers, at(90.0).wrong_answers, at(85.0).least), (18, 1, 0.15));
         assert!(curve_of(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_point_of_the_curve_counts_all_answers_that_its_least_sureness_admits() {
+        // The trees say the same of many: here of the last eight.
+        let answers: Vec<(f64, bool)> = (0..20).map(|i| (if i < 12 { 0.9 } else { 0.6 }, i % 2 == 0)).collect();
+        for point in curve_of(&answers) {
+            let admitted: Vec<bool> = answers.iter().filter(|(said, _)| *said >= point.least).map(|(_, right)| *right).collect();
+            let wrong = admitted.iter().filter(|right| !**right).count();
+            assert_eq!((point.answers, point.wrong_answers), (admitted.len(), wrong), "{point:?}");
+            assert_eq!(point.answers, if point.answered > 60.0 { 20 } else { 12 }, "{point:?}");
+        }
     }
 
     #[test]

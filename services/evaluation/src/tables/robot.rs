@@ -88,9 +88,9 @@ pub struct RobotRow {
     pub object: Option<String>,
     /// The condition.
     pub condition: TableCondition,
-    /// Placement and motion were found.
+    /// Placement and motion were found, at one attempt or more.
     pub plan: Rate,
-    /// Of those, the object was lifted.
+    /// Of those, the object was lifted at the last attempt that was carried out.
     pub grasp: Rate,
     /// Of those, it came to stand where it was to, with the goal true.
     pub place: Rate,

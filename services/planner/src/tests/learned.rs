@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use repose_belief::learned::{kernel_id, models_hash};
 use repose_proto::place::{Outcome, PlaceRequest, PlaceResult, Rejection, Variant};
 use repose_proto::{ErrorCode, Relation};
 
@@ -18,10 +19,21 @@ fn full_ends_where_realism_and_goal_are_highest_and_echoes_who_answered() {
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
     let best = &result.placements[0];
     assert!(best.realism > Some(0.985) && best.relations[0] > 0.95, "{best:?}");
-    assert_eq!((result.weights_hash.as_str(), result.kernel.as_str(), result.iterations), ("first", "fake", 5));
+    assert_eq!((result.weights_hash.as_str(), result.iterations), ("first", 5));
     assert_eq!(result.budget.batch, Some(100));
     let rejected: u64 = result.rejections.values().sum();
     assert!(rejected < result.evaluated && result.evaluated <= 5 * 3 * 100);
+}
+
+#[test]
+fn a_result_says_what_beliefs_were_learned_with_and_completed_on_beside_the_networks_that_were_asked() {
+    let prepared = scene();
+    let full = run(&prepared, &request(&prepared, Variant::Full, &["right_of:1"]), &Fake::new(&[BESIDE]));
+    let geometric = run(&prepared, &request(&prepared, Variant::Geometric, &["right_of:1"]), &Fake::new(&[BESIDE]));
+    let own = kernel_id();
+    assert_eq!((full.models_hash, full.kernel), (models_hash("first"), format!("fake+{own}")));
+    assert_eq!((geometric.weights_hash.as_str(), geometric.models_hash, geometric.kernel.as_str()), ("", models_hash(""), own));
+    assert!(!models_hash("").is_empty() && models_hash("first") != models_hash("second"));
 }
 
 #[test]

@@ -19,6 +19,9 @@ use crate::settings::BeliefSettings;
 use crate::shape::Hidden;
 use crate::view::ObservedView;
 
+/// The file that the trees come in.
+pub(crate) static FILE: &str = include_str!("../weights/back.json");
+
 /// The measures, in the order that the trees read: lengths in metres, shares from 0 to 1.
 pub const MEASURES: [&str; 25] = [
     // Its height, how steeply it is looked at (a sine), how much a border is at its distance, and how much of its outline its top has.
@@ -94,7 +97,7 @@ pub struct Back {
 impl Back {
     /// The one that comes with the program.
     pub fn own() -> &'static Self {
-        static OWN: LazyLock<Back> = LazyLock::new(|| Back::read(include_str!("../weights/back.json")).expect("a test reads it"));
+        static OWN: LazyLock<Back> = LazyLock::new(|| Back::read(FILE).expect("a test reads it"));
         &OWN
     }
 

@@ -20,6 +20,9 @@ use crate::outlines::{are_clearly_apart, outline_gap_m};
 use crate::shape::Shape;
 use crate::standing::{ObservedGeometry, is_on, nth};
 
+/// The file that the trees come in.
+pub(crate) static FILE: &str = include_str!("../weights/bearing.json");
+
 /// The measures of a load and a carrier, in the order that the trees read: lengths in metres, shares from 0 to 1, flags 0 or 1.
 pub const MEASURES: [&str; 34] = [
     // By their believed shapes: the share of the load's base that is over the carrier's top, and over that of another object; the share of the
@@ -107,7 +110,7 @@ pub struct Bearing {
 impl Bearing {
     /// The one that comes with the program.
     pub fn own() -> &'static Self {
-        static OWN: LazyLock<Bearing> = LazyLock::new(|| Bearing::read(include_str!("../weights/bearing.json")).expect("a test reads it"));
+        static OWN: LazyLock<Bearing> = LazyLock::new(|| Bearing::read(FILE).expect("a test reads it"));
         &OWN
     }
 

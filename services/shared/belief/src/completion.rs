@@ -64,7 +64,7 @@ pub fn filled(told: &Told) -> Option<Vec<[f32; SLABS]>> {
 }
 
 /// The network that comes with the program.
-fn network() -> &'static CompletionNetwork {
+pub(crate) fn network() -> &'static CompletionNetwork {
     static NETWORK: OnceLock<CompletionNetwork> = OnceLock::new();
     NETWORK.get_or_init(|| CompletionNetwork::embedded().expect("the weights that come with the program: tested"))
 }

@@ -18,6 +18,9 @@ use crate::settings::BeliefSettings;
 use crate::shape::Hidden;
 use crate::view::ObservedView;
 
+/// The file that the trees come in.
+pub(crate) static FILE: &str = include_str!("../weights/cut.json");
+
 /// The measures of one end, in the order that the trees read: lengths in metres, shares from 0 to 1.
 pub const MEASURES: [&str; 25] = [
     // The object's height, how steeply it is looked at (a sine), and how much a border is at its distance.
@@ -121,7 +124,7 @@ pub struct Cut {
 impl Cut {
     /// The one that comes with the program.
     pub fn own() -> &'static Self {
-        static OWN: LazyLock<Cut> = LazyLock::new(|| Cut::read(include_str!("../weights/cut.json")).expect("a test reads it"));
+        static OWN: LazyLock<Cut> = LazyLock::new(|| Cut::read(FILE).expect("a test reads it"));
         &OWN
     }
 

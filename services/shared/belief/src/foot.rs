@@ -20,6 +20,9 @@ use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
 use crate::shape::Shape;
 use crate::standing::{ObservedGeometry, nth};
 
+/// The file that the trees come in.
+pub(crate) static FILE: &str = include_str!("../weights/foot.json");
+
 /// The measures of a level, in the order that the trees read: lengths in metres, shares from 0 to 1, flags 0 or 1.
 pub const MEASURES: [&str; 56] = [
     // What the level is: the rule's word, furniture, a carrier's top, the highest and the middle of a carrier's points under the object, a carrier's
@@ -145,7 +148,7 @@ pub struct Foot {
 impl Foot {
     /// The one that comes with the program.
     pub fn own() -> &'static Self {
-        static OWN: LazyLock<Foot> = LazyLock::new(|| Foot::read(include_str!("../weights/foot.json")).expect("a test reads it"));
+        static OWN: LazyLock<Foot> = LazyLock::new(|| Foot::read(FILE).expect("a test reads it"));
         &OWN
     }
 

@@ -45,6 +45,7 @@ pub mod far_side;
 pub mod filling;
 pub mod foot;
 pub mod front;
+pub mod learned;
 pub mod meeting;
 pub mod offsets;
 pub mod outlines;
@@ -243,7 +244,9 @@ impl Belief {
         let crowned = clouds.iter().filter(|(_, points)| is_crowned(points, &settings.crown)).map(|(id, _)| *id).collect();
         let believed = clouds.into_iter().filter_map(|(id, points)| {
             let centroid = cloud::centroid(&points)?;
-            Some((id, BelievedObject { points, centroid, shape: shapes.remove(&id) }))
+            // What goes on under something that was moved is among the points of a shape that was known before.
+            let shape = shapes.remove(&id).map(|shape| Shape { centroid, ..shape });
+            Some((id, BelievedObject { points, centroid, shape }))
         });
         let bearings = pairs.into_iter().map(|Candidate { carrier, load, measures }| ([carrier, load], measures)).collect();
         Ok(Self { objects: believed.collect(), planes, columns: columns.with(hidden), view, carried, bearings, crowned, elsewhere })

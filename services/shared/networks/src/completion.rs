@@ -30,6 +30,8 @@ pub const OF_SLAB: usize = 6;
 pub const OF_OBJECT: usize = 5;
 /// What is told of a cell: that of each slab, slab by slab, and that of the whole object.
 pub const CHANNELS: usize = OF_SLAB * SLABS + OF_OBJECT;
+/// The weights file that comes with the program.
+pub static FILE: &[u8] = include_bytes!("../weights/completion.safetensors");
 /// The format of its weights file.
 const FORMAT: &str = "repose-completion-1";
 /// Channels at whole, half and quarter resolution.
@@ -49,7 +51,7 @@ impl CompletionNetwork {
     /// # Errors
     /// Never: a test reads them.
     pub fn embedded() -> Result<Self, WeightsError> {
-        Self::load(include_bytes!("../weights/completion.safetensors"), Kernel::detect())
+        Self::load(FILE, Kernel::detect())
     }
 
     /// From a weights file's bytes (half precision), on a kernel of [`Kernel::available`].
@@ -60,6 +62,11 @@ impl CompletionNetwork {
         let file = LayerFile::read(bytes, FORMAT)?;
         let body = UNet::load(&file, "completion", CHANNELS, WIDTHS, kernel)?;
         Ok(Self { kernel, body, head: file.layer("completion/head", &[SLABS, 1, 1, WIDTHS[0]])? })
+    }
+
+    /// The kernel's id, which travels with results.
+    pub fn kernel_id(&self) -> &'static str {
+        self.kernel.id()
     }
 
     /// How likely each cell is filled, `[SIDE · SIDE]` of each slab, by what was seen of the cells, `[SIDE, SIDE]` row by row. The same input gives the same

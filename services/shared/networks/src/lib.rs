@@ -34,6 +34,7 @@ mod ball_query;
 pub mod completion;
 pub mod config;
 pub mod crops;
+pub mod digest;
 pub mod discriminator;
 mod feature_map;
 mod fused;

@@ -9,6 +9,8 @@ use candle_core::{DType, Device, Result, Tensor, Var};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
+/// The first part of the paths of the encoder of objects, whose codes the relation predictor reads.
+pub const OBJECT: &str = "object/";
 /// The first part of the relation predictor's paths.
 pub const RELATIONS: &str = "relations/";
 /// The path of the weight that reads [`crate::pair_measures`]; only the `measured` variant of the relation predictor has it.

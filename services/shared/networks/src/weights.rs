@@ -15,7 +15,7 @@ use crate::{
     config::NetworksConfig,
     networks::Networks,
     pair_measures::pair_measure_names,
-    parameters::{MEASURES_WEIGHT, WeightMap},
+    parameters::{MEASURES_WEIGHT, OUTCOME, WeightMap},
 };
 
 /// The metadata's only key (a hash map of several would be written in any order, and the file's hash would change with it).
@@ -129,9 +129,19 @@ impl Weights {
 
     /// BLAKE3 of the outcome network's parameters, hexadecimal: what forecasts that read its word were fitted with.
     pub fn outcome_hash(&self) -> String {
+        self.hash_of(|path| path.starts_with(OUTCOME))
+    }
+
+    /// BLAKE3 of all networks' parameters, hexadecimal. Unlike [`Weights::hash`] it is the same with other forecasts beside them.
+    pub fn networks_hash(&self) -> String {
+        self.hash_of(|_| true)
+    }
+
+    /// BLAKE3 of the parameters whose paths are wanted.
+    fn hash_of(&self, is_wanted: impl Fn(&str) -> bool) -> String {
         let mut hasher = blake3::Hasher::new();
-        for (name, (shape, numbers)) in self.values.iter().filter(|(name, _)| name.starts_with("outcome/")) {
-            hasher.update(format!("{name} {shape:?}").as_bytes());
+        for (path, (shape, numbers)) in self.values.iter().filter(|(path, _)| is_wanted(path)) {
+            hasher.update(format!("{path} {shape:?}").as_bytes());
             hasher.update(bytemuck::cast_slice(numbers));
         }
         hasher.finalize().to_hex().to_string()
@@ -203,6 +213,22 @@ mod tests {
         let weights = Weights::from_bytes(&bytes).unwrap();
         assert_eq!(Weights::to_bytes(&weights.values, &weights.info).unwrap(), bytes);
         assert_ne!(weights.hash, Weights::from_bytes(&Weights::initial(&config, 2).unwrap()).unwrap().hash);
+    }
+
+    #[test]
+    fn the_networks_hash_tells_every_value_and_no_forecast_and_the_outcome_networks_its_own_alone() {
+        let weights = Weights::from_bytes(&Weights::initial(&NetworksConfig::default(), 1).unwrap()).unwrap();
+        let hashes = |weights: &Weights| (weights.networks_hash(), weights.outcome_hash());
+        let (networks, outcome) = hashes(&weights);
+        let mut with_forecast = weights.clone();
+        with_forecast.info.forecasts.insert("stands".to_owned(), serde_json::json!({"logit": 1}));
+        assert_eq!(hashes(&with_forecast), (networks.clone(), outcome.clone()));
+        for (path, is_outcome) in [("relations/out/bias", false), ("outcome/out/bias", true)] {
+            let mut changed = weights.clone();
+            changed.values.get_mut(path).unwrap().1[0] += 1.0;
+            assert_ne!(changed.networks_hash(), networks, "{path}");
+            assert_eq!(changed.outcome_hash() != outcome, is_outcome, "{path}");
+        }
     }
 
     #[test]

@@ -17,9 +17,11 @@ use repose_evaluation::scenes::planner_scene::{PlannerSceneSettings, SceneSet, T
 use repose_evaluation::scenes::problem::ProblemSettings;
 use repose_evaluation::scenes::true_shapes::KnownShapes;
 use repose_evaluation::tables::planner::{PlannerTableSettings, evaluate_planner, planner_tables};
+use repose_networks::digest::digest;
 use repose_proto::Relation;
 use repose_proto::place::{Rotation, Variant};
 use repose_simulator::scene::SceneKind;
+use serde_json::{Value, json};
 
 use super::shared::{TableArgs, can_report, check_slots, folder_name, only_meshes};
 use crate::failure::{CommandResult, Failure};
@@ -87,26 +89,7 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     check_slots(args.first, args.scenes, SceneSet::SLOTS)?;
     let mut settings = settings_of(args)?;
     let engine = args.common.engine()?;
-    let mut made_with = serde_json::json!({
-        "weights_hash": engine.weights_hash(), "variants": settings.scene.variants,
-        "answers": settings.scene.answers, "objects": folder_name(args.objects.as_deref()), "perturb": args.perturb,
-    });
-    if !args.relations.is_empty() {
-        made_with["relations"] = serde_json::json!(args.relations);
-    }
-    if args.known_shapes.is_some() {
-        made_with["known_shapes"] = serde_json::json!(args.known_shapes);
-    }
-    if args.learned_shapes {
-        made_with["learned_shapes"] = serde_json::json!(true);
-    }
-    if args.rotation != Rotation::Fixed {
-        made_with["rotation"] = serde_json::json!(args.rotation);
-    }
-    let segmentation = segmentation_of(std::env::vars_os());
-    if !segmentation.is_empty() {
-        made_with["segmentation"] = serde_json::json!(segmentation);
-    }
+    let made_with = made_with(args, &settings, engine.weights_hash());
     let scenes = args.common.first("planner", &made_with)?;
     settings.first += scenes.first;
     let named = scenes.named(&made_with);
@@ -133,6 +116,42 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
         sheets.bind(&records.all)?;
     }
     output.print(&document, || text_of(&tables))
+}
+
+/// What the table is made with: records of anything else are not gone on with.
+fn made_with(args: &EvaluatePlannerArgs, settings: &PlannerTableSettings, weights_hash: &str) -> Value {
+    let mut made_with = json!({
+        "weights_hash": weights_hash, "variants": settings.scene.variants, "answers": settings.scene.answers,
+        "objects": folder_name(args.objects.as_deref()), "sets": settings.sets.iter().map(told_of).collect::<Vec<_>>(), "perturb": args.perturb,
+    });
+    if !args.relations.is_empty() {
+        made_with["relations"] = json!(args.relations);
+    }
+    if args.known_shapes.is_some() {
+        made_with["known_shapes"] = json!(args.known_shapes);
+    }
+    if args.learned_shapes {
+        made_with["learned_shapes"] = json!(true);
+    }
+    if args.rotation != Rotation::Fixed {
+        made_with["rotation"] = json!(args.rotation);
+    }
+    let segmentation = segmentation_of(std::env::vars_os());
+    if !segmentation.is_empty() {
+        made_with["segmentation"] = json!(segmentation);
+    }
+    made_with
+}
+
+/// What tells a set from others of its name: the kinds that take turns, and whose objects its scenes have.
+fn told_of(set: &SceneSet) -> Value {
+    let source = &set.problem.scene.arrange.source;
+    let objects = match *source == ProblemSettings::default().scene.arrange.source {
+        true => "own".to_owned(),
+        // It says names and a hash of the files.
+        false => digest([("objects", format!("{source:?}").as_bytes())]),
+    };
+    json!({"name": set.name, "kinds": set.kinds, "objects": objects})
 }
 
 fn settings_of(args: &EvaluatePlannerArgs) -> Result<PlannerTableSettings, Failure> {
@@ -196,6 +215,8 @@ fn log(tried: &TriedScene) {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use clap::Parser;
 
     use super::*;
@@ -230,7 +251,7 @@ mod tests {
         run(&line("2", "validation"), Output { json: false }).unwrap_or_else(|e| panic!("{e:?}"));
         let both = read("scenes.jsonl");
         assert!(both.starts_with(&first) && both.lines().count() == first.lines().count() + 1, "one more scene");
-        let document: serde_json::Value = serde_json::from_str(&read("planner.json")).expect("JSON");
+        let document: Value = serde_json::from_str(&read("planner.json")).expect("JSON");
         assert_eq!(document["scenes"], 2);
         assert!(document["feasible"].as_u64().is_some_and(|n| n <= 2));
         let row = &document["rows"][0];
@@ -239,7 +260,7 @@ mod tests {
             // Nothing tried has no rate.
             let counted = row["counts"].get(key).unwrap_or(&row["counts"]["of_all"][key]);
             match counted["n"].as_u64() {
-                Some(0) => assert_eq!(row.get(key), Some(&serde_json::Value::Null), "{key}: {row}"),
+                Some(0) => assert_eq!(row.get(key), Some(&Value::Null), "{key}: {row}"),
                 _ => assert!(row[key].as_f64().is_some_and(|p| (0.0..=100.0).contains(&p)), "{key}: {row}"),
             }
         }
@@ -250,6 +271,40 @@ mod tests {
         std::fs::write(folder.path().join("scenes.jsonl"), both.replacen("\"commit\":\"", "\"commit\":\"of others, ", 1)).expect("written");
         let refused = run(&line("2", "validation"), Output { json: false }).expect_err("other code");
         assert!(refused.error().is_some_and(|e| e.message.contains("commit")), "{refused:?}");
+    }
+
+    /// A folder with a box of so many metres as its only mesh.
+    fn meshes(folder: &Path, edge_m: f64) -> String {
+        let folder = folder.join("meshes");
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let corners =
+            (0..8u8).map(|i| [i & 1, (i >> 1) & 1, i >> 2].map(|k| f64::from(k) * edge_m)).map(|[x, y, z]| format!("v {x} {y} {z}\n"));
+        let faces = ["1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"].map(|corners| format!("f {corners}\n"));
+        std::fs::write(folder.join("box.obj"), corners.chain(faces).collect::<String>()).expect("written");
+        folder.display().to_string()
+    }
+
+    #[test]
+    fn scenes_of_one_name_with_other_objects_are_not_gone_on_with() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let head = |options: &[&str]| {
+            let args = Line::parse_from(["x"].iter().chain(options)).args;
+            made_with(&args, &settings_of(&args).unwrap_or_else(|e| panic!("{e:?}")), "weights")
+        };
+        let small = meshes(folder.path(), 0.05);
+        // The kitchens of the first have the program's own objects, those of the second the folder's.
+        let (beside, of_meshes) = (head(&["--objects", &small]), head(&["--objects", &small, "--kind", "kitchen"]));
+        assert_eq!((&beside["sets"][1]["name"], &of_meshes["sets"][0]["name"]), (&json!("kitchen"), &json!("kitchen")));
+        assert_eq!(beside["sets"][1]["objects"], "own");
+        let large = meshes(folder.path(), 0.08);
+        let of_others = head(&["--objects", &large, "--kind", "kitchen"]);
+        let records = folder.path().join("out");
+        let open = |head: &Value| Records::open(Some(&records), head).map(drop).map_err(|refused| refused.to_string());
+        assert_eq!(open(&of_meshes), Ok(()));
+        assert_eq!(open(&of_meshes), Ok(()), "it goes on");
+        for other in [beside, of_others, head(&["--kind", "kitchen"]), head(&["--objects", &large])] {
+            assert!(open(&other).is_err_and(|refused| refused.contains("sets: ")), "{other}");
+        }
     }
 
     #[test]

@@ -11,6 +11,8 @@ use repose_evaluation::statistics::forecast_fit::{FitSettings, fit_lengths};
 use repose_evaluation::statistics::quantile::Sorted;
 use serde_json::json;
 
+use super::BACK;
+use super::made_with::of_beliefs;
 use super::tried::{FitArgs, MeasuredScene, held_out, other_length};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
@@ -18,7 +20,8 @@ use crate::output::Output;
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     args.refuse_start()?;
-    let tried = args.scenes_in("backs.jsonl", FIRST_SEED);
+    let made_with = of_beliefs(&[BACK]);
+    let tried = args.scenes_in("backs.jsonl", FIRST_SEED, &made_with);
     let scenes: Vec<SceneBacks> = tried.tried(|index| Ok(SceneBacks::of(index)))?.into_values().collect();
     let fit = |learned: &[&SceneBacks]| {
         let seen = learned.iter().flat_map(|scene| &scene.objects);

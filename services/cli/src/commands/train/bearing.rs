@@ -9,6 +9,8 @@ use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_lo
 use repose_evaluation::statistics::rate::Rate;
 use serde_json::json;
 
+use super::BEARING;
+use super::made_with::of_beliefs;
 use super::tried::{FitArgs, MeasuredScene, held_out, other_length};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
@@ -19,7 +21,8 @@ const THRESHOLDS: [f64; 6] = [0.3, 0.5, 0.6, 0.7, 0.8, 0.9];
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     args.refuse_start()?;
-    let tried = args.scenes_in("bearings.jsonl", FIRST_SEED);
+    let made_with = of_beliefs(&[BEARING]);
+    let tried = args.scenes_in("bearings.jsonl", FIRST_SEED, &made_with);
     let scenes: Vec<SceneBearings> = tried.tried(|index| Ok(SceneBearings::of(index)))?.into_values().collect();
     let fit = |learned: &[&SceneBearings]| {
         let pairs: Vec<FitSample> = learned.iter().flat_map(|scene| scene.samples()).collect();

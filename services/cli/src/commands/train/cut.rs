@@ -9,6 +9,8 @@ use repose_evaluation::statistics::forecast_fit::{FitSettings, fit_lengths};
 use repose_evaluation::statistics::quantile::Sorted;
 use serde_json::json;
 
+use super::CUT;
+use super::made_with::of_beliefs;
 use super::tried::{FitArgs, MeasuredScene, held_out, other_length};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
@@ -19,7 +21,8 @@ const CUT_OFF_M: f32 = 0.02;
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     args.refuse_start()?;
-    let tried = args.scenes_in("cuts.jsonl", FIRST_SEED);
+    let made_with = of_beliefs(&[CUT]);
+    let tried = args.scenes_in("cuts.jsonl", FIRST_SEED, &made_with);
     let scenes: Vec<SceneCuts> = tried.tried(|index| Ok(SceneCuts::of(index)))?.into_values().collect();
     let fit = |learned: &[&SceneCuts]| {
         let objects = || learned.iter().flat_map(|scene| &scene.objects);

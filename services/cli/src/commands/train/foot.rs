@@ -8,6 +8,8 @@ use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_lo
 use repose_evaluation::statistics::rate::Rate;
 use serde_json::json;
 
+use super::FOOT;
+use super::made_with::of_beliefs;
 use super::tried::{FitArgs, MeasuredScene, held_out, other_length};
 use crate::failure::{CommandResult, Failure};
 use crate::output::Output;
@@ -18,7 +20,8 @@ type Said = (bool, bool, f64);
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     args.refuse_start()?;
-    let tried = args.scenes_in("feet.jsonl", FIRST_SEED);
+    let made_with = of_beliefs(&[FOOT]);
+    let tried = args.scenes_in("feet.jsonl", FIRST_SEED, &made_with);
     let scenes: Vec<SceneFeet> = tried.tried(|index| Ok(SceneFeet::of(index)))?.into_values().collect();
     let fit = |learned: &[&SceneFeet]| {
         let levels: Vec<FitSample> = learned.iter().flat_map(|scene| scene.samples()).collect();

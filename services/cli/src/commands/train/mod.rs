@@ -4,6 +4,7 @@ mod back;
 mod bearing;
 mod cut;
 mod foot;
+mod made_with;
 mod stability;
 mod standing;
 mod success;
@@ -55,7 +56,8 @@ const DEVICE: &str = "cpu";
 /// Arguments of `train`.
 #[derive(Debug, Args)]
 pub struct TrainArgs {
-    /// The folder of shards written by `generate`: training and validation scenes in it, or each in a folder `train` and `validation` of it.
+    /// The folder of shards written by `generate`: training and validation scenes in it, or each in a folder `train` and `validation` of it. Scenes that
+    /// are tried for a fit are kept there, and refused once what they were measured with has changed.
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
     /// What to train. Networks: joint (encoders, relation predictor and prior), relations (the predictor alone, on the encoders of `--start`),
@@ -63,7 +65,7 @@ pub struct TrainArgs {
     /// Forecasts, boosted trees on geometry and on the outcome network of `--start`, which the variant `best` uses: standing (whether objects
     /// stand by themselves, and whether their neighbours stay when they are taken away; fitted on `--steps` scenes, 2000 by default), then
     /// stability (fitted on `generate --proposals` with its other settings at their defaults; `--steps` limits the scenes), then success (fitted
-    /// on outcomes of the planner's own answers in `--steps` scenes, 700 by default, which are kept in `--data`). Shape completion: back (how far
+    /// on outcomes of the planner's own answers in `--steps` scenes, 700 by default). Shape completion: back (how far
     /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), cut (how far where something nearer or the
     /// picture's edge cuts them off; 4000), foot (how high their bottoms are; 3000), and loads: bearing (which objects lie on which; 1500), which
     /// are not part of the weights: set `--out` to back.json, cut.json, foot.json or bearing.json in services/shared/belief/weights and build the
@@ -199,16 +201,17 @@ impl TrainArgs {
     }
 }
 
+/// The weights of `start`, or the program's own.
+fn weights_of(start: Option<&Path>) -> Result<Weights, Failure> {
+    let Some(path) = start else { return Weights::embedded().map_err(Failure::other) };
+    let bad = |e: &dyn std::fmt::Display| Failure::bad_input("start", format!("{}: {e}", path.display()));
+    Weights::from_bytes(&std::fs::read(path).map_err(|e| bad(&e))?).map_err(|e| bad(&e))
+}
+
 /// Writes the weights of `start`, or the program's own, with forecasts in place of those of their names. The forecast of success, which reads
 /// what the others say, goes when one of those is fitted anew.
 fn with_forecasts(start: Option<&Path>, out: &Path, forecasts: &[(&str, &Forecast)]) -> CommandResult {
-    let mut weights = match start {
-        Some(path) => {
-            let bad = |e: &dyn std::fmt::Display| Failure::bad_input("start", format!("{}: {e}", path.display()));
-            Weights::from_bytes(&std::fs::read(path).map_err(|e| bad(&e))?).map_err(|e| bad(&e))?
-        }
-        None => Weights::embedded().map_err(Failure::other)?,
-    };
+    let mut weights = weights_of(start)?;
     weights.info.forecasts.remove(SUCCESS);
     for (name, forecast) in forecasts {
         weights.info.forecasts.insert((*name).to_owned(), serde_json::to_value(forecast).map_err(Failure::other)?);
@@ -249,6 +252,11 @@ mod tests {
         assert_eq!(refused(BACK, &["--start", "w.safetensors", "--mean-with", "w.safetensors"]), (2, "mean-with".to_owned()));
         assert_eq!(refused("joint", &["--first", "40"]), (2, "first".to_owned()));
         assert_eq!(refused(FOOT, &["--first", "50000000"]), (2, "first".to_owned()), "there the validation scenes begin");
+    }
+
+    #[test]
+    fn the_forecast_that_a_new_relation_predictor_leaves_out_is_that_of_success() {
+        assert_eq!(repose_training::merge::READS_RELATIONS, SUCCESS);
     }
 
     #[test]

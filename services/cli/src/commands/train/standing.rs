@@ -14,6 +14,7 @@ use repose_planner::learned::{neighbours, standing};
 use serde::Serialize;
 use serde_json::json;
 
+use super::made_with::of_beliefs;
 use super::tried::{FitArgs, MeasuredScene, fitted, other_length};
 use super::with_forecasts;
 use crate::embedded::engine;
@@ -26,7 +27,8 @@ const THRESHOLDS: [f64; 4] = [0.1, 0.2, 0.3, 0.5];
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
-    let tried = args.scenes_in("stances.jsonl", FIRST_SEED);
+    let made_with = of_beliefs(&[]);
+    let tried = args.scenes_in("stances.jsonl", FIRST_SEED, &made_with);
     let stances = tried.tried(|index| Ok(SceneStances::of(index)))?;
     let fit = |names: &[&'static str], of: &dyn Fn(&SceneStances) -> Vec<FitSample>| {
         let scenes: Vec<Vec<FitSample>> = stances.values().map(of).filter(|samples| !samples.is_empty()).collect();

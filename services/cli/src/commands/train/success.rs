@@ -13,8 +13,9 @@ use repose_planner::learned::forecast::SUCCESS;
 use repose_planner::learned::success::names;
 use serde_json::json;
 
+use super::made_with::of_weights;
 use super::tried::{FitArgs, MeasuredScene, fitted, other_length};
-use super::with_forecasts;
+use super::{weights_of, with_forecasts};
 use crate::embedded::engine;
 use crate::failure::CommandResult;
 use crate::output::Output;
@@ -23,9 +24,8 @@ use crate::output::Output;
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
     let forecasts = forecasts_of(&engine)?;
-    let mut tried = args.scenes_in("answers.jsonl", FIRST_SEED);
-    tried.outcome_hash = Some(engine.outcome_hash());
-    let answers = tried.tried(|index| SceneAnswers::of(index, &engine, &forecasts))?;
+    let made_with = of_weights(&weights_of(args.start)?, &[SUCCESS]);
+    let answers = args.scenes_in("answers.jsonl", FIRST_SEED, &made_with).tried(|index| SceneAnswers::of(index, &engine, &forecasts))?;
     let scenes: Vec<Vec<FitSample>> =
         answers.values().filter(|scene| !scene.measures.is_empty()).map(|scene| scene.samples().collect()).collect();
     let fitted = fitted(&names(), &scenes, engine.outcome_hash(), &FitSettings::of_few(args.seed))?;
@@ -63,8 +63,30 @@ impl MeasuredScene for SceneAnswers {
     fn other_length(&self) -> Option<String> {
         other_length(names().len(), self.measures.iter())
     }
+}
 
-    fn outcome_hash(&self) -> Option<&str> {
-        self.outcome_hash.as_deref()
+#[cfg(test)]
+mod tests {
+    use repose_networks::Weights;
+    use repose_planner::learned::forecast::STANDS;
+
+    use super::*;
+
+    #[test]
+    fn answers_chosen_with_another_forecast_are_refused_though_the_outcome_network_is_the_same() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [start, out] = ["start.safetensors", "out.safetensors"].map(|name| folder.path().join(name));
+        let own = Weights::embedded().expect("the program's weights");
+        let mut other = own.clone();
+        other.info.forecasts.get_mut(STANDS).expect("the program's weights have it")["logit"]["bias"] = json!(0.25);
+        std::fs::write(&start, Weights::to_bytes(&other.values, &other.info).expect("weights")).expect("written");
+        let scene = SceneAnswers { seed: FIRST_SEED, measures: Vec::new(), succeeded: Vec::new() };
+        let row = json!({"made_with": of_weights(&own, &[SUCCESS]), "scene": scene});
+        std::fs::write(folder.path().join("answers.jsonl"), format!("{row}\n")).expect("written");
+        let args = FitArgs { data: folder.path(), start: Some(&start), out: &out, first: 0, scenes: 0, threads: 1, seed: 1 };
+        let refused = run(&args, Output { json: false }).expect_err("other forecasts");
+        assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("data")));
+        assert!(refused.into_error().message.contains("answers.jsonl: its scenes were measured with"));
+        assert!(!out.exists());
     }
 }

@@ -1,5 +1,5 @@
 //! Scenes that are tried for a fit. Each goes to a file in the data folder as soon as it was tried, so that a run that was stopped goes on, and
-//! parts made on several machines can be put together.
+//! parts made on several machines can be put together. Each says what it was measured with; what was measured with something else is refused.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -12,8 +12,8 @@ use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_fo
 use repose_networks::serving::spread;
 use repose_planner::learned::forecast::{Forecast, ForecastFitData};
 use repose_proto::CallError;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -25,10 +25,20 @@ pub trait MeasuredScene: Serialize + DeserializeOwned + Send {
     fn seed(&self) -> u64;
     /// How many measures each of its samples has that is not of this program's length; none where all are.
     fn other_length(&self) -> Option<String>;
-    /// The hash of the outcome network that it was made with; none where it was made without one, or does not tell.
-    fn outcome_hash(&self) -> Option<&str> {
-        None
-    }
+}
+
+/// A line of the file.
+#[derive(Debug, Serialize, Deserialize)]
+struct Row<S> {
+    /// [`TriedScenes::made_with`] when it was tried.
+    made_with: String,
+    scene: S,
+}
+
+/// What is read of a line first: the rest of one that another program wrote may be of any form.
+#[derive(Debug, Deserialize)]
+struct Origin {
+    made_with: Option<String>,
 }
 
 /// What a forecast is fitted on, and where it goes.
@@ -51,9 +61,10 @@ pub struct FitArgs<'a> {
 }
 
 impl<'a> FitArgs<'a> {
-    /// The scenes to try, kept in a file of the data folder; `first_seed` is that of the first of those that are learned from.
-    pub fn scenes_in(&self, file: &'a str, first_seed: u64) -> TriedScenes<'a> {
-        TriedScenes { data: self.data, file, first_seed, first: self.first, count: self.scenes, threads: self.threads, outcome_hash: None }
+    /// The scenes to try, kept in a file of the data folder; `first_seed` is that of the first of those that are learned from, and `made_with` a hash of
+    /// what they are measured with.
+    pub fn scenes_in(&self, file: &'a str, first_seed: u64, made_with: &'a str) -> TriedScenes<'a> {
+        TriedScenes { data: self.data, file, first_seed, first: self.first, count: self.scenes, threads: self.threads, made_with }
     }
 
     /// Refuses weights to start from, for what is no part of them.
@@ -87,8 +98,8 @@ pub struct TriedScenes<'a> {
     pub count: u64,
     /// Threads.
     pub threads: usize,
-    /// The hash of the outcome network that they are made with; none where they are made without one.
-    pub outcome_hash: Option<&'a str>,
+    /// A hash of everything learned that they are measured with.
+    pub made_with: &'a str,
 }
 
 impl TriedScenes<'_> {
@@ -104,15 +115,13 @@ impl TriedScenes<'_> {
         // A last line that was being written when the program was stopped is tried again.
         let whole = text.rfind('\n').map_or(0, |end| end + 1);
         for line in text[..whole].lines() {
-            let scene: S = serde_json::from_str(line).map_err(|e| bad(&e))?;
+            let Origin { made_with } = serde_json::from_str(line).map_err(|e| bad(&e))?;
+            if made_with.as_deref() != Some(self.made_with) {
+                return Err(bad(&self.other_origin(made_with.as_deref())));
+            }
+            let Row { scene, .. } = serde_json::from_str::<Row<S>>(line).map_err(|e| bad(&e))?;
             if let Some(other) = scene.other_length() {
                 return Err(bad(&format!("{other}: made by another program")));
-            }
-            if let (Some(own), Some(other)) = (self.outcome_hash, scene.outcome_hash().filter(|made| self.outcome_hash != Some(*made))) {
-                let message = format!(
-                    "made with the outcome network {other}, not with {own}: take another folder, or the weights that it was made with"
-                );
-                return Err(bad(&message));
             }
             all.insert(scene.seed(), scene);
         }
@@ -123,13 +132,27 @@ impl TriedScenes<'_> {
         for batch in open.chunks(self.threads.max(1) * 2) {
             for scene in spread(batch.len(), self.threads, || (), |(), k| of(batch[k])) {
                 let scene = scene?;
-                writeln!(file, "{}", serde_json::to_string(&scene).map_err(Failure::other)?).map_err(|e| bad(&e))?;
+                let row = Row { made_with: self.made_with.to_owned(), scene: &scene };
+                writeln!(file, "{}", serde_json::to_string(&row).map_err(Failure::other)?).map_err(|e| bad(&e))?;
                 all.insert(scene.seed(), scene);
                 bar.add(1);
             }
         }
         bar.finish();
         Ok(all)
+    }
+
+    /// Why scenes that were measured with something else are not learned from, and what to do.
+    fn other_origin(&self, theirs: Option<&str>) -> String {
+        let theirs = match theirs {
+            Some(theirs) => format!("its scenes were measured with {theirs}"),
+            None => "it does not say what its scenes were measured with".to_owned(),
+        };
+        format!(
+            "{theirs}, expected {}, a hash of the weights that are started from and of the trees and networks that come with the program: delete the \
+             file, or give another folder as --data",
+            self.made_with
+        )
     }
 }
 
@@ -181,14 +204,11 @@ pub fn other_length<'a>(expected: usize, mut samples: impl Iterator<Item = &'a V
 
 #[cfg(test)]
 mod tests {
-    use serde::Deserialize;
-
     use super::*;
 
     #[derive(Serialize, Deserialize)]
     struct Answers {
         seed: u64,
-        outcome_hash: Option<String>,
     }
 
     impl MeasuredScene for Answers {
@@ -199,31 +219,22 @@ mod tests {
         fn other_length(&self) -> Option<String> {
             None
         }
-
-        fn outcome_hash(&self) -> Option<&str> {
-            self.outcome_hash.as_deref()
-        }
     }
 
     #[test]
-    fn what_another_network_has_answered_is_not_learned_from() {
+    fn what_was_measured_with_something_else_or_with_nobody_knows_what_is_not_learned_from() {
         let folder = tempfile::tempdir().expect("a folder");
-        let tried = |network: &str, count: u64| {
-            let tried = TriedScenes {
-                data: folder.path(),
-                file: "answers.jsonl",
-                first_seed: 7,
-                first: 0,
-                count,
-                threads: 1,
-                outcome_hash: Some(network),
-            };
-            let all = tried.tried(|index| Ok(Answers { seed: 7 + index, outcome_hash: Some(network.to_owned()) }));
-            all.map(|all| all.into_keys().collect::<Vec<_>>()).map_err(|refused| refused.into_error().message)
+        let tried = |made_with: &str, count: u64| {
+            let tried = TriedScenes { data: folder.path(), file: "answers.jsonl", first_seed: 7, first: 0, count, threads: 1, made_with };
+            let all = tried.tried(|index| Ok(Answers { seed: 7 + index }));
+            all.map(|all| all.into_keys().collect::<Vec<_>>()).map_err(|refused| (refused.exit_code(), refused.into_error().message))
         };
-        std::fs::write(folder.path().join("answers.jsonl"), "{\"seed\":7}\n").expect("written by an earlier release");
         assert_eq!(tried("old", 2), Ok(vec![7, 8]));
         assert_eq!(tried("old", 3), Ok(vec![7, 8, 9]), "it goes on");
-        assert!(tried("new", 3).is_err_and(|refused| refused.contains("old") && refused.contains("new")));
+        let (code, message) = tried("new", 3).expect_err("other trees");
+        assert!(code == 2 && ["answers.jsonl", "old", "new", "delete", "--data"].iter().all(|told| message.contains(told)), "{message}");
+        std::fs::write(folder.path().join("answers.jsonl"), "{\"seed\":7,\"measures\":[]}\n").expect("written by an earlier release");
+        let (code, message) = tried("old", 3).expect_err("nobody knows which trees");
+        assert!(code == 2 && message.contains("does not say") && message.contains("--data"), "{message}");
     }
 }

@@ -10,4 +10,4 @@ mod inputs;
 mod network;
 
 pub use inputs::MaskInputs;
-pub use network::{MaskLogits, MaskNetwork, OFFSETS};
+pub use network::{FILE, MaskLogits, MaskNetwork, OFFSETS};

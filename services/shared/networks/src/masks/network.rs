@@ -17,6 +17,8 @@ use crate::layer_file::LayerFile;
 use crate::u_net::UNet;
 use crate::weights::WeightsError;
 
+/// The weights file that comes with the program.
+pub static FILE: &[u8] = include_bytes!("../../weights/masks.safetensors");
 /// The format of its weights file.
 const FORMAT: &str = "repose-masks-1";
 /// Channels at ½, ¼, ⅛ and 1/16 of the picture.
@@ -54,7 +56,7 @@ impl MaskNetwork {
     /// # Errors
     /// Never: a test reads them.
     pub fn embedded() -> Result<Self, WeightsError> {
-        Self::load(include_bytes!("../../weights/masks.safetensors"), Kernel::detect())
+        Self::load(FILE, Kernel::detect())
     }
 
     /// From a weights file's bytes (half precision), on a kernel of [`Kernel::available`].
