@@ -12,7 +12,7 @@ use crate::answers::distinct::distinct_places;
 use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
 use crate::search::findings::Findings;
-use crate::search::ranking::{believed, fragile_share, keep_apart, shortlist, without};
+use crate::search::ranking::{believed, fragility, keep_apart, shortlist, without};
 use crate::search::stop::StopReason;
 
 /// How much is known of a candidate of the shortlist.
@@ -141,7 +141,7 @@ fn fill_turn(turn: &mut Vec<usize>, list: &[Listed], count: usize, most: usize) 
 
 /// The least that a candidate can cost.
 fn bound(judge: &mut Judge<'_>, listed: &mut Listed) -> Result<(), CallError> {
-    listed.judged.fragile_share = Some(fragile_share(judge, &listed.judged.candidate));
+    listed.judged.fragility = Some(fragility(judge, &listed.judged.candidate));
     listed.judged.cost = judge.least_cost(&mut listed.judged)?;
     listed.known = Known::Bounded;
     Ok(())

@@ -7,6 +7,7 @@ use repose_proto::CallError;
 use repose_proto::arrange::ArrangeMove;
 
 use crate::arrange::search::{Advance, Search, Settling, State};
+use crate::arrange::stacks::above;
 
 impl Search<'_> {
     /// Goes straight down once more, where objects may leave those that stand right by them, and these follow. Whether all was settled: the moves are
@@ -51,6 +52,20 @@ impl Search<'_> {
             }
         }
         Ok(None)
+    }
+
+    /// The table after a move; none where the object would stand on something that must move yet, or on what stands there, and be in the way, or where
+    /// something that stands where it will would do so no more.
+    pub(super) fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
+        if !self.places.allows_tables(self.tables.prepared())? {
+            return Ok(None);
+        }
+        let scene = self.tables.after(&state.scene, step.object, &step.placement.placed_from_observed)?;
+        let others = unsettled.iter().copied().filter(|other| *other != step.object);
+        let is_in_the_way = above(others, |id| scene.belief.carried(id)).contains(&step.object);
+        let leaves_right = || self.goals.hold_about(step.object, unsettled, |other, terms| self.places.hold(&scene, other, terms));
+        let is_right = !is_in_the_way && leaves_right();
+        Ok(is_right.then(|| State { scene, unsettled: unsettled.clone() }))
     }
 
     /// The objects that stand where they will and have terms about an object.

@@ -76,6 +76,16 @@ impl Goals {
         all
     }
 
+    /// Whether the terms about an object hold of all others that stand where they will, as `holds` tells of one of them and its terms. A place of the
+    /// object may satisfy their converse and break them: what is to be above the object must also be over it, where `below` asks nothing like that.
+    pub fn hold_about(&self, object: u16, unsettled: &BTreeSet<u16>, holds: impl Fn(u16, &[GoalTerm]) -> bool) -> bool {
+        let mut others = self.terms.iter().filter(|(other, _)| **other != object && !unsettled.contains(other));
+        others.all(|(other, terms)| {
+            let about: Vec<GoalTerm> = terms.iter().filter(|t| t.anchor == object).copied().collect();
+            about.is_empty() || holds(*other, &about)
+        })
+    }
+
     /// The objects of which some term does not hold as things stand.
     pub fn unmet(&self, scene: &PreparedScene, viewer: &ViewerFrame, variant: Variant) -> BTreeSet<u16> {
         self.order.iter().copied().filter(|object| !all_hold(scene, viewer, variant, *object, &self.terms[object])).collect()

@@ -17,7 +17,7 @@ use crate::arrange::dead_end::DeadEnd;
 use crate::arrange::goals::Goals;
 use crate::arrange::parking::places_aside;
 use crate::arrange::places::{Places, PlacesEnd};
-use crate::arrange::stacks::{above, bare_above};
+use crate::arrange::stacks::bare_above;
 use crate::arrange::tables::Tables;
 use crate::learned::models::PlacementModels;
 use crate::plan::SearchStep;
@@ -67,7 +67,7 @@ pub(super) enum Settling {
 pub struct Search<'a> {
     pub(super) goals: Goals,
     pub(super) places: Places<'a>,
-    tables: Tables,
+    pub(super) tables: Tables,
     /// Whether only sure moves count now, and whether others were left out for that.
     sure_only: bool,
     left_out: bool,
@@ -334,17 +334,6 @@ impl<'a> Search<'a> {
         let kept: Vec<Placement> = all.iter().filter(|p| !self.sure_only || is_sure(p)).cloned().collect();
         self.left_out |= kept.len() < all.len();
         Ok(kept)
-    }
-
-    /// The table after a move; none where the object would stand on something that must move yet, or on what stands there, and be in the way.
-    pub(super) fn after(&mut self, state: &State, step: &ArrangeMove, unsettled: &BTreeSet<u16>) -> Result<Option<State>, CallError> {
-        if !self.places.allows_tables(self.tables.prepared())? {
-            return Ok(None);
-        }
-        let scene = self.tables.after(&state.scene, step.object, &step.placement.placed_from_observed)?;
-        let others = unsettled.iter().copied().filter(|other| *other != step.object);
-        let is_in_the_way = above(others, |id| scene.belief.carried(id)).contains(&step.object);
-        Ok((!is_in_the_way).then(|| State { scene, unsettled: unsettled.clone() }))
     }
 
     /// Whether an object needs no move: it and those that it waits for wait for each other; or all that is asked of it holds where it is.

@@ -3,13 +3,13 @@
 //! The first that fails is the reason for the rejection. The others are tried all the same, so that a search without feasible candidates
 //! knows where less is missed.
 
-use repose_proto::Relation;
 use repose_proto::place::Rejection;
+use repose_proto::{GoalTerm, Relation};
 
 use crate::checks::MISS_PER_METRE;
 use crate::checks::clearance::Clearance;
 use crate::checks::footing::support_miss;
-use crate::checks::obstruction::obstruction;
+use crate::checks::obstruction::{Obstruction, obstruction};
 use crate::checks::reach::Reach;
 use crate::checks::region::region_miss;
 use crate::checks::unseen::unseen_share;
@@ -18,6 +18,26 @@ use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::scene::candidate::CandidatePose;
 use crate::settings::{GoalBy, StandingBy};
+
+/// What it does to the constraints where an object ends up a little off a candidate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Slip {
+    /// All hold still.
+    Harmless,
+    /// One fails that only this request makes: its region, its clearance, or the reach of its robot.
+    BreaksOwn,
+    /// One fails that any request makes.
+    Breaks,
+}
+
+/// Which constraints a candidate is tried by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Scope {
+    /// All.
+    All,
+    /// Those that any request makes, and of its goal all but to be centered: that is asked of where an object is meant to be, to the millimetre.
+    OfAnyRequest,
+}
 
 /// The constraints of one problem.
 #[derive(Debug)]
@@ -63,13 +83,32 @@ impl<'a> Constraints<'a> {
 
     /// A candidate after every constraint that needs no network.
     pub fn tried(&self, candidate: CandidatePose, mode: usize) -> JudgedCandidate {
-        let PlacementProblem { prepared, query, request, settings, .. } = self.problem;
+        self.tried_by(Scope::All, candidate, mode)
+    }
+
+    /// What it does to the constraints where an object ends up in a place a little off a candidate.
+    pub fn slip(&self, off: CandidatePose) -> Slip {
+        let judged = self.tried_by(Scope::OfAnyRequest, off, 0);
+        let is_too_near = || judged.obstruction.is_some_and(|found| self.clearance_miss(&judged, &found).is_some());
+        if !judged.feasible() {
+            Slip::Breaks
+        } else if self.region_miss(&off).is_some() || is_too_near() || self.reach_miss(&off).is_some() {
+            Slip::BreaksOwn
+        } else {
+            Slip::Harmless
+        }
+    }
+
+    fn tried_by(&self, scope: Scope, candidate: CandidatePose, mode: usize) -> JudgedCandidate {
+        let PlacementProblem { prepared, query, settings, .. } = self.problem;
         let (fixed, recipe) = (&settings.fixed, settings.recipe);
         let mut judged = JudgedCandidate::new(candidate, mode);
         for (reason, miss) in &self.refused {
             judged.reject(*reason, *miss);
         }
-        if let Some(miss) = region_miss(&self.problem.placed_centroid(&candidate), &request.region) {
+        if scope == Scope::All
+            && let Some(miss) = self.region_miss(&candidate)
+        {
             judged.reject(Rejection::Region, miss);
         }
         let (visibility, miss) = view_miss(&prepared.belief.view, query, &candidate, &fixed.view);
@@ -85,7 +124,7 @@ impl<'a> Constraints<'a> {
             }
         }
         if recipe.grounded || settings.min_clearance_m > 0.0 {
-            self.try_obstruction(&mut judged);
+            self.try_obstruction(scope, &mut judged);
         }
         if recipe.grounded {
             let footing = self.problem.ground().footing(&candidate);
@@ -95,18 +134,50 @@ impl<'a> Constraints<'a> {
                 judged.reject(Rejection::Unsupported, miss);
             }
         }
-        // Postures are looked for where nothing else speaks against the place, and for where the hand lets go of the object.
-        let let_go = self.problem.let_go(&candidate);
-        if let Some(miss) = self.reach.as_ref().filter(|_| judged.feasible()).and_then(|reach| reach.miss(query, &let_go)) {
+        // Postures are looked for where nothing else speaks against the place.
+        if scope == Scope::All
+            && judged.feasible()
+            && let Some(miss) = self.reach_miss(&candidate)
+        {
             judged.reject(Rejection::OutOfReach, miss);
         }
         if recipe.goal_by != GoalBy::Learned {
-            self.try_goal_by_rule(&mut judged);
+            self.try_goal_by_rule(scope, &mut judged);
         }
         if !judged.feasible() {
             judged.leave_untried(recipe.learned_constraints());
         }
         judged
+    }
+
+    /// By how much a candidate misses the regions that are asked for.
+    fn region_miss(&self, candidate: &CandidatePose) -> Option<f64> {
+        region_miss(&self.problem.placed_centroid(candidate), &self.problem.request.region)
+    }
+
+    /// By how much the place where the hand lets go of the object is out of the robot's reach.
+    fn reach_miss(&self, candidate: &CandidatePose) -> Option<f64> {
+        self.reach.as_ref()?.miss(self.problem.query, &self.problem.let_go(candidate))
+    }
+
+    /// By how much a candidate keeps less clear than is asked for, metres; `found` is what is in its way.
+    fn clearance_miss(&self, judged: &JudgedCandidate, found: &Obstruction) -> Option<f64> {
+        let PlacementProblem { prepared, settings, .. } = self.problem;
+        let wanted_m = settings.min_clearance_m;
+        if wanted_m <= 0.0 {
+            return None;
+        }
+        // A variant without a collision constraint still keeps the clearance: in collision it is 0.
+        let by_cells_m = wanted_m.min(f64::from(settings.fixed.clearance.max_ring_m));
+        if found.most_clear_m(prepared.belief.columns.cell_m()) < by_cells_m {
+            return Some(wanted_m - found.clearance_m);
+        }
+        if !judged.feasible() {
+            return None;
+        }
+        // The cells are exact to about a centimetre, and do not see low things, nor farther than their ring.
+        let clearance_m = self.clearance.within(&judged.candidate, wanted_m)?;
+        (clearance_m < wanted_m).then_some(wanted_m - clearance_m)
     }
 
     /// By how much a candidate's level is farther from all that things stand on than counts.
@@ -117,33 +188,27 @@ impl<'a> Constraints<'a> {
         nearest_m.map_or(0.0, |off_m| MISS_PER_METRE * f64::from((off_m - settings.fixed.support.far_level_m).max(0.0)))
     }
 
-    fn try_obstruction(&self, judged: &mut JudgedCandidate) {
+    fn try_obstruction(&self, scope: Scope, judged: &mut JudgedCandidate) {
         let PlacementProblem { prepared, query, settings, .. } = self.problem;
-        let (fixed, wanted_m) = (&settings.fixed, settings.min_clearance_m);
+        let fixed = &settings.fixed;
         let found = obstruction(prepared, query, &judged.candidate, &self.touched, &fixed.clearance, &fixed.support);
         if settings.recipe.grounded && found.colliding_share > 0.0 {
             judged.reject(Rejection::Collision, found.colliding_share);
-        } else if wanted_m > 0.0 {
-            // A variant without a collision constraint still keeps the clearance: in collision it is 0.
-            let by_cells_m = wanted_m.min(f64::from(fixed.clearance.max_ring_m));
-            if found.most_clear_m(prepared.belief.columns.cell_m()) < by_cells_m {
-                judged.reject(Rejection::Clearance, wanted_m - found.clearance_m);
-            } else if judged.feasible()
-                && let Some(clearance_m) = self.clearance.within(&judged.candidate, wanted_m).filter(|c| *c < wanted_m)
-            {
-                // The cells are exact to about a centimetre, and do not see low things, nor farther than their ring.
-                judged.reject(Rejection::Clearance, wanted_m - clearance_m);
-            }
+        } else if scope == Scope::All
+            && let Some(missing_m) = self.clearance_miss(judged, &found)
+        {
+            judged.reject(Rejection::Clearance, missing_m);
         }
         judged.obstruction = Some(found);
     }
 
-    fn try_goal_by_rule(&self, judged: &mut JudgedCandidate) {
+    fn try_goal_by_rule(&self, scope: Scope, judged: &mut JudgedCandidate) {
         let PlacementProblem { rules, request, settings, .. } = self.problem;
         let rule_settings = &settings.fixed.rules;
         let checks = rules.checks(&judged.candidate);
+        let counts = |term: &GoalTerm| scope == Scope::All || term.relation != Relation::Centered;
         let mut missing = 0.0;
-        for (i, (term, check)) in request.goal.iter().zip(&checks).enumerate() {
+        for (i, (term, check)) in request.goal.iter().zip(&checks).enumerate().filter(|(_, (term, _))| counts(term)) {
             let wanted_m = if term.relation.index() <= Relation::Below.index() { rule_settings.min_margin_m } else { 0.0 };
             let aside_m = rules.off_anchor_m(&judged.candidate, term, settings.recipe.goal_by);
             if !check.holds || check.margin_m < wanted_m || aside_m > 0.0 {

@@ -66,7 +66,7 @@ impl<'a> Costs<'a> {
             unhidden: judged.unhidden.unwrap_or(0.0),
             on_stranger: footing.carrier.is_some_and(|c| c != 0 && !self.carriers.contains(&c)),
             unseen_share: judged.unseen_share.unwrap_or(0.0),
-            fragile_share: judged.fragile_share.unwrap_or(0.0),
+            fragile_share: judged.fragility.map_or(0.0, |fragility| fragility.as_asked),
             doubtful_share: found.doubtful_share,
         };
         let main = request.main_anchor().and_then(|a| prepared.belief.objects.get(&a));

@@ -46,8 +46,17 @@ pub struct JudgedCandidate {
     pub unhidden: Option<f64>,
     /// Share of its volume in space that was not seen, where tried.
     pub unseen_share: Option<f64>,
-    /// Share of small errors of its pose that break a constraint, where tried.
-    pub fragile_share: Option<f64>,
+    /// How many small errors of its pose break a constraint, where tried.
+    pub fragility: Option<Fragility>,
+}
+
+/// Shares of small errors of a candidate's pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fragility {
+    /// Those after which a constraint fails that any request makes.
+    pub of_any_request: f64,
+    /// Those, and those after which one fails that only this request makes.
+    pub as_asked: f64,
 }
 
 impl JudgedCandidate {
@@ -70,7 +79,7 @@ impl JudgedCandidate {
             obstruction: None,
             unhidden: None,
             unseen_share: None,
-            fragile_share: None,
+            fragility: None,
         }
     }
 

@@ -15,7 +15,7 @@ pub mod success;
 use repose_proto::CallError;
 use repose_proto::place::Rejection;
 
-use crate::judge::constraints::Constraints;
+use crate::judge::constraints::{Constraints, Slip};
 use crate::judge::cost::Costs;
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
@@ -100,6 +100,11 @@ impl<'a> Judge<'a> {
     /// Every constraint that needs no network.
     pub fn without_networks(&self, candidate: CandidatePose, mode: usize) -> JudgedCandidate {
         self.constraints.tried(candidate, mode)
+    }
+
+    /// What it does to the constraints where the object ends up in a place a little off a candidate.
+    pub fn slip(&self, off: CandidatePose) -> Slip {
+        self.constraints.slip(off)
     }
 
     /// The cost of a candidate from what is known of it.

@@ -59,22 +59,28 @@ impl<'a> PlacementProblem<'a> {
         gaps.fold([f64::INFINITY; 2], |[least, doubted], [gap_m, doubted_m]| [least.min(gap_m), doubted.min(doubted_m)])
     }
 
-    /// The candidate set down on what is under it when it is lowered from `ceiling_m`. Unchanged when nothing is under it, or when the
-    /// variant does not ground its candidates. A goal of being centered moves it over the anchor first.
+    /// The candidate set down ([`PlacementProblem::lowered`]); a goal of being centered moves it over the anchor first. Unchanged when the variant does
+    /// not ground its candidates.
     pub fn settled(&self, candidate: &CandidatePose, ceiling_m: f32) -> CandidatePose {
         if !self.settings.recipe.grounded {
             return *candidate;
         }
-        let mut settled = *candidate;
+        let mut over_anchor = *candidate;
         let centered = self.request.goal.iter().find(|t| t.holds && t.relation == Relation::Centered);
-        if let Some(shift) = centered.and_then(|t| self.rules.to_center_m(&settled, t.anchor)) {
-            settled.centroid_m[0] += shift.x as f32;
-            settled.centroid_m[1] += shift.y as f32;
+        if let Some(shift) = centered.and_then(|t| self.rules.to_center_m(&over_anchor, t.anchor)) {
+            over_anchor.centroid_m[0] += shift.x as f32;
+            over_anchor.centroid_m[1] += shift.y as f32;
         }
-        if let Some(rest_m) = self.ground().rest_m(&settled, ceiling_m) {
-            settled.centroid_m[2] = rest_m + self.query.shape.centroid_height_m();
+        self.lowered(&over_anchor, ceiling_m)
+    }
+
+    /// The candidate set down on what is under it when it is lowered from `ceiling_m`; unchanged when nothing is.
+    pub fn lowered(&self, candidate: &CandidatePose, ceiling_m: f32) -> CandidatePose {
+        let mut lowered = *candidate;
+        if let Some(rest_m) = self.ground().rest_m(candidate, ceiling_m) {
+            lowered.centroid_m[2] = rest_m + self.query.shape.centroid_height_m();
         }
-        settled
+        lowered
     }
 
     /// Where an answer lets go of the object: higher than it was judged where its foot may be lower than is believed. A fall of that much is harmless,

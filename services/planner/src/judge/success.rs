@@ -31,7 +31,8 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         margin_m.max(-FAR_M),
         standing.stands,
         standing.neighbours_stay,
-        judged.fragile_share?,
+        // No request that it was fitted on had a region, a robot or a clearance.
+        judged.fragility?.of_any_request,
         gap_m.min(FAR_M),
         doubted_gap_m.min(FAR_M),
         seen.gap_m.min(FAR_M),

@@ -1,14 +1,15 @@
 //! A scene as it would be after a move: what was seen of the object stands elsewhere, and its old place is free.
 //!
 //! What carried the object goes on where it stood, and what it filled is no longer unseen. What it hid stays unseen: nobody has looked. What was
-//! believed of the objects' shapes is believed of them still, but that what carried the object reaches under it: most of its top may never have
-//! been seen.
+//! believed of the objects' shapes is believed of them still, but that what carried the object reaches under it, as far as it would not have shown
+//! below the object: most of its top may never have been seen.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Point3, Translation3, Vector2, Vector3};
 use repose_belief::covering::hidden_under;
+use repose_belief::outlines::separating_gap_m;
 use repose_belief::shape::Shape;
 use repose_belief::{BeliefSettings, BelievedObject};
 use repose_geometry::{Aabb, Footprint, cloud};
@@ -69,16 +70,26 @@ pub fn table_after(table: &PreparedScene, object: u16, placed_from_observed: &Is
 
 /// The objects' shapes once an object is taken from what carries it.
 fn bared(table: &PreparedScene, object: u16) -> BTreeMap<u16, Shape> {
-    let mut shapes = table.belief.shapes();
-    let Some(carried) = shapes.get(&object).cloned() else { return shapes };
-    for carrier in carriers(table, object) {
-        let Some(shape) = shapes.get(&carrier) else { continue };
-        let hidden = hidden_under(&carried, shape.top_m, &table.belief.view, &table.belief.columns);
-        if let Some(whole) = shape.reaching(&hidden) {
-            shapes.insert(carrier, whole);
-        }
+    let (mut shapes, belief) = (table.belief.shapes(), &table.belief);
+    let Some(load) = shapes.get(&object).cloned() else { return shapes };
+    let carriers: Vec<(u16, Shape)> = carriers(table, object).into_iter().filter_map(|id| Some((id, shapes.get(&id)?.clone()))).collect();
+    let eye = belief.view.eye().xy();
+    for (id, carrier) in &carriers {
+        // What it stands on itself goes on beneath it.
+        let beside = || carriers.iter().filter(|(other, _)| other != id && !belief.carried(*other).contains(id));
+        let is_others = |place: &Point2<f32>| beside().filter_map(|(_, other)| other.slabs.last()).any(|top| top.outline.contains(place));
+        let mut hidden = hidden_under(&load, carrier.top_m, &belief.view, &belief.columns);
+        hidden.retain(|place| is_behind(carrier, &load, &eye, place) && !is_others(place));
+        shapes.extend(carrier.reaching(&hidden).map(|whole| (*id, whole)));
     }
     shapes
+}
+
+/// Whether a place, seen from above, is in or behind what a carrier reaches up to its load with: beside that it would have shown below the load.
+fn is_behind(carrier: &Shape, load: &Shape, eye: &Point2<f32>, place: &Point2<f32>) -> bool {
+    let from_m = load.bottom_m.min(carrier.top_m) - SAME_TOP_M;
+    let mut bearing = carrier.slabs.iter().filter(|slab| slab.high_m >= from_m);
+    bearing.any(|slab| separating_gap_m(&[*eye, *place], slab.outline.corners()) <= 0.0)
 }
 
 /// The objects that an object stands on.
@@ -86,16 +97,24 @@ fn carriers(table: &PreparedScene, object: u16) -> Vec<u16> {
     table.belief.objects.keys().copied().filter(|id| table.belief.carried(*id).contains(&object)).collect()
 }
 
-/// What goes on where an object stood, where an object carried it: that one's top, or where it stood in a bowl the place of its foot.
-fn floor_of(table: &PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -> Option<Floor> {
-    let foot_m = table.belief.objects.get(&object)?.shape.as_ref()?.bottom_m;
-    let of_carrier = |carrier: u16| {
-        let shape = shapes.get(&carrier)?;
+/// What goes on where an object stood, where objects carried it, from the highest down: their tops, or where it stood in a bowl the place of its foot.
+fn floors_of(table: &PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -> Vec<Floor> {
+    let shape = table.belief.objects.get(&object).and_then(|object| object.shape.as_ref());
+    let Some(foot_m) = shape.map(|shape| shape.bottom_m) else { return Vec::new() };
+    let carriers = carriers(table, object);
+    let of_carrier = |carrier: &u16| {
+        let shape = shapes.get(carrier)?;
         let is_in_it = foot_m < shape.top_m - SAME_TOP_M;
         let outline = shape.slabs.last()?.outline.clone();
-        Some(Floor { height_m: if is_in_it { foot_m } else { shape.top_m }, label: carrier, is_top: !is_in_it, outline })
+        Some(Floor { height_m: if is_in_it { foot_m } else { shape.top_m }, label: *carrier, is_top: !is_in_it, outline })
     };
-    carriers(table, object).into_iter().filter_map(of_carrier).max_by(|a, b| a.height_m.total_cmp(&b.height_m))
+    let mut floors: Vec<Floor> = carriers.iter().filter_map(of_carrier).collect();
+    floors.sort_by(|a, b| b.height_m.total_cmp(&a.height_m));
+    let highest_m = floors.first().map_or(f32::NEG_INFINITY, |highest| highest.height_m);
+    // It stood on the highest, and on all that are as high, but for what carries one of these.
+    let is_under_another = |floor: &Floor| carriers.iter().any(|other| table.belief.carried(floor.label).contains(other));
+    let stood_on = |(place, floor): &(usize, Floor)| *place == 0 || floor.height_m >= highest_m - SAME_TOP_M && !is_under_another(floor);
+    floors.into_iter().enumerate().filter(stood_on).map(|(_, floor)| floor).collect()
 }
 
 /// The points all over an object after a motion that set it on another side, and its shape. What was seen of it may face downwards now, and would tell of
@@ -109,9 +128,7 @@ fn on_other_side(
     let surface = solid_of(table, id, object, shape).moved(motion);
     let turned = surface.shape_after(motion, shape, &BeliefSettings::default().shape)?;
     let carry = |p: Point3<f32>| (motion * p.cast::<f64>()).cast::<f32>();
-    let points: Vec<Point3<f32>> = surface.points.into_iter().chain(underside(shape).map(carry)).collect();
-    let centroid = cloud::centroid(&points)?;
-    Some((points, Shape { centroid, ..turned }))
+    Some((surface.points.into_iter().chain(underside(shape).map(carry)).collect(), turned))
 }
 
 /// Points all over what an object stands on, of which a completed surface has the corners only.
@@ -169,7 +186,7 @@ fn without(scene: &Scene, object: u16, left: Left<'_>) -> Scene {
 
 /// The scene with other points of an object, which had a shape where it was seen.
 pub fn with_cloud(scene: &Scene, object: u16, shape: &Shape, points: &[Point3<f32>]) -> Scene {
-    with_cloud_after(scene, object, points, Left { floor: None, filled: Some(shape) })
+    with_cloud_after(scene, object, points, Left { floors: Vec::new(), filled: Some(shape) })
 }
 
 fn with_cloud_after(scene: &Scene, object: u16, points: &[Point3<f32>], left: Left<'_>) -> Scene {
@@ -193,7 +210,8 @@ fn with_cloud_after(scene: &Scene, object: u16, points: &[Point3<f32>], left: Le
 /// What is known of the place that an object leaves.
 #[derive(Debug)]
 struct Left<'a> {
-    floor: Option<Floor>,
+    /// What is known to go on beneath it; empty where nothing is.
+    floors: Vec<Floor>,
     /// What it filled there.
     filled: Option<&'a Shape>,
 }
@@ -202,7 +220,7 @@ impl<'a> Left<'a> {
     /// Of an object of a table, with the shapes that what carries it has without it.
     fn of(table: &'a PreparedScene, object: u16, shapes: &BTreeMap<u16, Shape>) -> Self {
         let filled = table.belief.objects.get(&object).and_then(|object| object.shape.as_ref());
-        Self { floor: floor_of(table, object, shapes), filled }
+        Self { floors: floors_of(table, object, shapes), filled }
     }
 }
 
@@ -239,7 +257,7 @@ impl Floor {
     }
 }
 
-/// Frees the place where an object stood: what it filled was seen through, as it were, and what carried it goes on beneath it: the floor that is known,
+/// Frees the place where an object stood: what it filled was seen through, as it were, and what carried it goes on beneath it: the floors that are known,
 /// or else the surface nearest to its lowest point.
 fn leave(after: &mut Scene, before: &Scene, object: u16, left: Left<'_>) {
     let cloud: Vec<Point3<f32>> = before.points_of(object).map(Point3::from).collect();
@@ -251,16 +269,16 @@ fn leave(after: &mut Scene, before: &Scene, object: u16, left: Left<'_>) {
             (None, None) => {}
         }
     }
-    let surface = || carrier(before, object, f64::from(bounds.min.z));
-    let Some(floor) = left.floor.or_else(|| surface().and_then(Floor::of)) else { return };
-    floor.show_top(after);
+    let mut floors = left.floors;
+    if floors.is_empty() {
+        floors.extend(carrier(before, object, f64::from(bounds.min.z)).and_then(Floor::of));
+    }
+    floors.iter().for_each(|floor| floor.show_top(after));
     let footprint: BTreeSet<[i32; 2]> =
         cloud.iter().map(|p| [(p.x / SURFACE_M).floor() as i32, (p.y / SURFACE_M).floor() as i32]).collect();
     for [column, row] in footprint {
         let place = Point2::new((column as f32 + 0.5) * SURFACE_M, (row as f32 + 0.5) * SURFACE_M);
-        if !floor.outline.contains(&place) {
-            continue;
-        }
+        let Some(floor) = floors.iter().find(|floor| floor.outline.contains(&place)) else { continue };
         after.points.push([place.x, place.y, floor.height_m]);
         after.labels.push(floor.label);
         if let Some(colors) = &mut after.colors {

@@ -20,6 +20,8 @@ pub struct PreparedScene {
     pub scene_id: String,
     /// What is believed of it.
     pub belief: Belief,
+    /// The object that was turned over in thought ([`crate::scene::turned`]): it never was where its points are now.
+    pub(crate) turned_over: Option<u16>,
     fault: Option<CallError>,
     min_points: usize,
     /// What earlier requests prepared.
@@ -75,7 +77,7 @@ impl PreparedScene {
             fault.get_or_insert_with(|| CallError::invalid("points", too_wide.to_string()));
             Belief::of_nothing(&seen, settings)
         });
-        Self { belief, fault, scene, scene_id, min_points: settings.min_points, kept: Arc::default() }
+        Self { belief, turned_over: None, fault, scene, scene_id, min_points: settings.min_points, kept: Arc::default() }
     }
 
     /// Whether the scene can be planned on.

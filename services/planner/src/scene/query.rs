@@ -49,8 +49,10 @@ pub struct Prism {
 pub struct QueryObject {
     /// Its id.
     pub id: u16,
-    /// Its completed shape where it was observed.
+    /// Its completed shape where it was observed, or turned over there.
     pub shape: Shape,
+    /// Whether it was turned over.
+    pub is_turned_over: bool,
     /// The cells of its base, from the observed centroid.
     pub base: Offsets,
     /// The band of cells around those.
@@ -105,7 +107,13 @@ impl QueryObject {
             prisms,
             view_points: object.points.iter().step_by(stride).map(|p| p.cast()).collect(),
             shape: shape.clone(),
+            is_turned_over: prepared.turned_over == Some(id),
         })
+    }
+
+    /// Its shape where it stands: a place that is free once it is picked up. None of an object that was turned over, which never stood as its shape says.
+    pub fn stands(&self) -> Option<&Shape> {
+        (!self.is_turned_over).then_some(&self.shape)
     }
 
     /// The height of the bottom of the query with its centroid at a height, metres.

@@ -82,6 +82,7 @@ pub fn turned_over(prepared: &PreparedScene, id: u16, turned_from_observed: Isom
     let mut after = prepared.after(id, Arc::new(scene), known);
     // Nothing lay on it, so nothing does, even if it has come to be under something.
     after.belief.bare(id);
+    after.turned_over = Some(id);
     Ok(TurnedOver { prepared: after, turned })
 }
 

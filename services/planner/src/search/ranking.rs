@@ -7,7 +7,8 @@
 use repose_proto::CallError;
 
 use crate::judge::Judge;
-use crate::judge::judged::JudgedCandidate;
+use crate::judge::constraints::Slip;
+use crate::judge::judged::{Fragility, JudgedCandidate};
 use crate::judge::scorer::Question;
 use crate::scene::candidate::CandidatePose;
 use crate::search::findings::Findings;
@@ -97,8 +98,8 @@ pub fn appraise(judge: &mut Judge<'_>, candidates: &mut [JudgedCandidate]) -> Re
     let all: Vec<usize> = (0..candidates.len()).collect();
     judge.scorer_mut().ask(Question::Both, candidates, &all)?;
     for j in candidates {
-        if j.fragile_share.is_none() {
-            j.fragile_share = Some(fragile_share(judge, &j.candidate));
+        if j.fragility.is_none() {
+            j.fragility = Some(fragility(judge, &j.candidate));
         }
         judge.forecast_success(j)?;
         j.cost = judge.cost(j);
@@ -123,15 +124,85 @@ pub fn shortlist(accepted: &[JudgedCandidate], count: usize, apart_m: f64, level
     list
 }
 
-/// The share of small errors of a candidate's pose after which a constraint fails.
-pub fn fragile_share(judge: &Judge<'_>, candidate: &CandidatePose) -> f64 {
+/// How many small errors of a candidate's pose break a constraint.
+pub fn fragility(judge: &Judge<'_>, candidate: &CandidatePose) -> Fragility {
     let problem = judge.problem();
     let settings = &problem.settings.fixed.ranking;
-    let failing = OFF.iter().filter(|[x, y, turn]| {
+    let slips = OFF.map(|[x, y, turn]| {
         let [px, py, pz] = candidate.centroid_m;
         let centroid = nalgebra::Point3::new(px + x * settings.off_m, py + y * settings.off_m, pz).cast::<f64>();
         let off = CandidatePose::new(&centroid, f64::from(candidate.yaw_rad + turn * settings.off_rad));
-        !judge.without_networks(problem.settled(&off, problem.ceiling_over(&off)), 0).feasible()
+        // Where it was to be centered it is off all the same.
+        judge.slip(problem.lowered(&off, problem.ceiling_over(&off)))
     });
-    failing.count() as f64 / OFF.len() as f64
+    let share = |broken: &[Slip]| slips.iter().filter(|slip| broken.contains(slip)).count() as f64 / slips.len() as f64;
+    Fragility { of_any_request: share(&[Slip::Breaks]), as_asked: share(&[Slip::Breaks, Slip::BreaksOwn]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use repose_proto::place::{PlaceRequest, RegionBox, Variant};
+
+    use super::*;
+    use crate::learned::models::NoModels;
+    use crate::learned::success;
+    use crate::scene::prepared::PreparedScene;
+    use crate::scene::query::QueryObject;
+    use crate::settings::PlanSettings;
+    use crate::tests::fake::{BESIDE, Fake, request, scene};
+    use crate::tests::synthetic::{Prepared, SceneBuilder, posed, standing_at};
+
+    #[test]
+    fn a_region_hardly_larger_than_errors_of_the_pose_makes_a_place_dearer_and_success_no_less_likely() {
+        let prepared = scene();
+        let wanted = request(&prepared, Variant::Best, &["right_of:1"]);
+        let settings = PlanSettings::of(&wanted);
+        let place = |query: &QueryObject| standing_at(query, 0.22, 0.0, settings.fixed.support.release_m);
+        let centroid: [f64; 3] = posed(&prepared, &wanted, &settings, |problem| problem.placed_centroid(&place(problem.query)).into());
+        let fragile = |region: Vec<RegionBox>| {
+            let wanted = PlaceRequest { region, ..wanted.clone() };
+            let fake = Fake::new(&[BESIDE]);
+            posed(&prepared, &wanted, &settings, |problem| {
+                let mut judge = Judge::new(problem, &fake);
+                let mut judged = [judge.without_networks(place(problem.query), 0)];
+                assert!(judged[0].feasible(), "{:?}", judged[0].rejection);
+                appraise(&mut judge, &mut judged).unwrap();
+                let read = judged[0].success_measures.as_ref().unwrap();
+                (read[success::names().iter().position(|name| *name == "fragile").unwrap()], judged[0].fragility.unwrap().as_asked)
+            })
+        };
+        let around = RegionBox { min_m: centroid.map(|v| v - 0.004), max_m: centroid.map(|v| v + 0.004), inside: true };
+        assert_eq!(fragile(Vec::new()), (0.0, 0.0));
+        let (of_success, of_cost) = fragile(vec![around]);
+        assert!(of_success == 0.0 && of_cost > 0.4, "every error along an axis leads out of it: {of_success} {of_cost}");
+    }
+
+    #[test]
+    fn what_is_to_be_centered_is_as_fragile_as_if_that_were_not_asked_for() {
+        let of_goal = |prepared: &PreparedScene, goal: &[&str], at: Option<CandidatePose>| {
+            let wanted = request(prepared, Variant::Best, goal);
+            let settings = PlanSettings::of(&wanted);
+            posed(prepared, &wanted, &settings, |problem| {
+                let drawn = standing_at(problem.query, 0.1, 0.0, 0.07);
+                let at = at.unwrap_or_else(|| problem.settled(&drawn, problem.ceiling_over(&drawn)));
+                let judge = Judge::new(problem, &NoModels);
+                (at, judge.without_networks(at, 0).feasible(), fragility(&judge, &at))
+            })
+        };
+        // On a block, a post comes closer to what is set on the middle, by less than errors of the pose, until there is no room for that.
+        let beside = |gap_m: f64| {
+            SceneBuilder::table()
+                .object(1, [0.1, 0.0], [0.16, 0.16, 0.06])
+                .object_at(3, [0.1 + 0.03 + gap_m + 0.01, 0.0], 0.06, [0.02, 0.02, 0.12])
+                .object(2, [-0.25, -0.2], [0.06, 0.05, 0.08])
+                .prepared()
+        };
+        let scenes = (0..12_u8).map(|k| beside(0.012 - 0.002 * f64::from(k)));
+        let scenes = scenes.take_while(|prepared| of_goal(prepared, &["above:1", "centered:1"], None).1);
+        let closest = scenes.last().expect("there is room beside a post that is 12 mm away");
+        let (at, _, centered) = of_goal(&closest, &["above:1", "centered:1"], None);
+        let (_, fits, free) = of_goal(&closest, &["above:1"], Some(at));
+        assert!(fits && free.of_any_request > 0.0, "{free:?}");
+        assert_eq!(centered, free);
+    }
 }

@@ -1,4 +1,4 @@
-//! Arrangements on tables of boxes, by geometry alone: what moves, in which order, and where things stand at the end.
+//! Arrangements on tables of boxes, by geometry alone but where `best` asks for more: what moves, in which order, and where things stand at the end.
 
 use std::ops::ControlFlow;
 
@@ -12,8 +12,10 @@ use super::synthetic::SceneBuilder;
 use crate::arrange::arrange;
 use crate::arrange::goals::all_hold;
 use crate::learned::models::NoModels;
+use crate::learned::{neighbours, standing};
 use crate::scene::moved::table_after;
 use crate::scene::prepared::PreparedScene;
+use crate::tests::fake::{BESIDE, Fake, always};
 
 fn goals(texts: &[(u16, &[&str])]) -> Vec<ObjectGoal> {
     texts.iter().map(|(object, terms)| ObjectGoal { object: *object, terms: terms.iter().map(|t| t.parse().unwrap()).collect() }).collect()
@@ -32,13 +34,18 @@ fn arranged_with(scene: &Scene, texts: &[(u16, &[&str])], max_parkings: u32) -> 
 
 /// Whether all goals hold on the scene that the moves lead to.
 fn hold_at_the_end(scene: &Scene, result: &ArrangeResult) -> bool {
+    hold_after(&result.moves, scene, result, Variant::Geometric)
+}
+
+/// Whether all goals of a result hold after some moves, as a variant has them.
+fn hold_after(moves: &[ArrangeMove], scene: &Scene, result: &ArrangeResult, variant: Variant) -> bool {
     let carried = |table: PreparedScene, m: &ArrangeMove| {
         let motion = from_row_major(&m.placement.placed_from_observed.0).unwrap();
-        table_after(&table, m.object, &motion, Variant::Geometric)
+        table_after(&table, m.object, &motion, variant)
     };
-    let end = result.moves.iter().fold(PreparedScene::new(std::sync::Arc::new(scene.clone())), carried);
+    let end = moves.iter().fold(PreparedScene::new(std::sync::Arc::new(scene.clone())), carried);
     let viewer = ViewerFrame::from_yaw(result.view_yaw_rad);
-    result.goals.iter().all(|goal| all_hold(&end, &viewer, Variant::Geometric, goal.object, &goal.terms))
+    result.goals.iter().all(|goal| all_hold(&end, &viewer, variant, goal.object, &goal.terms))
 }
 
 const SMALL: [f64; 3] = [0.06, 0.06, 0.08];
@@ -179,6 +186,30 @@ fn what_stands_right_by_an_object_that_must_go_far_away_follows_it() {
         assert_eq!((result.outcome, moves.as_slice()), (Outcome::Found, [(2, Purpose::Goal), (3, Purpose::Goal)].as_slice()), "{result:?}");
         assert!(result.satisfied.is_empty() && hold_at_the_end(&scene, &result), "{result:?}");
     }
+}
+
+#[test]
+fn what_stands_over_an_object_follows_it_where_that_goes_from_beneath_it() {
+    // 2 is over 1, on a board of the furniture. To the right of 3 no place is beneath it, though by the rule all near ones are below it.
+    let scene = SceneBuilder::table()
+        .object(1, [-0.1, 0.1], [0.08, 0.08, 0.08])
+        .object_at(0, [-0.1, 0.1], 0.2, [0.12, 0.12, 0.02])
+        .object_at(2, [-0.1, 0.1], 0.22, [0.05, 0.05, 0.05])
+        .object(3, [0.0, 0.1], [0.05; 3])
+        .scene();
+    let prepared = std::sync::Arc::new(PreparedScene::new(std::sync::Arc::new(scene.clone())));
+    let fake = Fake {
+        real_height_m: 0.09,
+        stands: Some(always(0.9, &standing::names())),
+        neighbour_stays: Some(always(0.9, &neighbours::names())),
+        ..Fake::new(&[BESIDE])
+    };
+    let request = ArrangeRequest::new(prepared.scene_id.clone(), goals(&[(1, &["right_of:3"]), (2, &["above:1"])]));
+    let result = arrange(&prepared, &request, &fake, &mut |_| ControlFlow::Continue(())).unwrap();
+    let moves: Vec<_> = result.moves.iter().map(|m| (m.object, m.purpose)).collect();
+    assert_eq!((result.outcome, moves.as_slice()), (Outcome::Found, [(1, Purpose::Goal), (2, Purpose::Goal)].as_slice()), "{result:?}");
+    assert!(result.satisfied.is_empty() && hold_after(&result.moves, &scene, &result, Variant::Best), "{result:?}");
+    assert!(!hold_after(&result.moves[..1], &scene, &result, Variant::Best), "2 is not over it any more");
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod plan;
 mod sides;
 mod stops;
 pub(crate) mod synthetic;
+mod unloaded;
 
 use std::sync::{Arc, OnceLock};
 

@@ -32,6 +32,9 @@ pub fn outline_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
 /// Room for rounding where boxes tell of outlines, metres.
 const ROUNDING_M: f32 = 0.001;
 
+/// Of an edge between corners that are no farther apart, rounding decides which way it faces, if it faces any, metres.
+const SHORTEST_M: f32 = 1e-6;
+
 /// Whether the boxes around two outlines say at little cost that the outlines are farther apart than so much, metres.
 pub fn are_clearly_apart(a: &Footprint, b: &Footprint, by_m: f32) -> bool {
     bounds_gap_m(a, b) > by_m + ROUNDING_M
@@ -43,14 +46,14 @@ fn bounds_gap_m(a: &Footprint, b: &Footprint) -> f32 {
     (min - other_max).sup(&(other_min - max)).max()
 }
 
-/// The largest gap between two convex polygons along any edge's normal: not positive when they overlap.
+/// The largest gap between two convex polygons along any edge's normal: not positive when they overlap. Two corners are the straight line between them.
 pub fn separating_gap_m(a: &[Point2<f32>], b: &[Point2<f32>]) -> f32 {
     let along = |one: &[Point2<f32>], other: &[Point2<f32>]| {
         let gap = |(p, q): (&Point2<f32>, &Point2<f32>)| {
-            let outward = Vector2::new(q.y - p.y, p.x - q.x).normalize();
-            other.iter().map(|c| (c - p).dot(&outward)).fold(f32::INFINITY, f32::min)
+            let outward = Vector2::new(q.y - p.y, p.x - q.x).try_normalize(SHORTEST_M)?;
+            Some(other.iter().map(|c| (c - p).dot(&outward)).fold(f32::INFINITY, f32::min))
         };
-        edges(one).map(gap).fold(f32::NEG_INFINITY, f32::max)
+        edges(one).filter_map(gap).fold(f32::NEG_INFINITY, f32::max)
     };
     along(a, b).max(along(b, a))
 }
@@ -80,6 +83,29 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+
+    #[test]
+    fn an_outline_with_a_corner_twice_overlaps_what_it_overlaps() {
+        let square = |x: f32| [[x, 0.0], [x + 1.0, 0.0], [x + 1.0, 1.0], [x, 1.0]].map(Point2::from);
+        // The second time where it is, and where rounding has put it on either side along the edges that meet there.
+        for [x, y] in [[1.0, 1.0], [1.0, 1.0f32.next_down()], [1.0f32.next_up(), 1.0], [1.0f32.next_down(), 1.0]] {
+            let [a, b, c, d] = square(0.0);
+            let doubled = [a, b, c, Point2::new(x, y), d];
+            for beside in [-0.5, 0.5] {
+                assert!((separating_gap_m(&doubled, &square(beside)) + 0.5).abs() < 1e-5, "{x} {y}");
+                assert_eq!(outline_gap_m(&square(beside), &doubled), 0.0, "{x} {y}");
+            }
+            assert!((outline_gap_m(&doubled, &square(1.25)) - 0.25).abs() < 1e-5, "{x} {y}");
+        }
+    }
+
+    #[test]
+    fn a_straight_line_meets_an_outline_that_it_enters_or_leaves_and_none_beside_or_behind_it() {
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0f32]].map(Point2::from);
+        let meets = |to: [f32; 2]| separating_gap_m(&[Point2::new(0.5, -2.0), Point2::from(to)], &square) <= 0.0;
+        assert!([[0.5, 0.5], [0.5, 3.0], [0.9, 1.5], [0.1, 0.01]].into_iter().all(meets));
+        assert!(![[0.5, -0.1], [1.1, 0.0], [1.4, 0.5], [-0.8, 3.0]].into_iter().any(meets));
+    }
 
     #[test]
     fn outlines_are_no_nearer_to_each_other_than_the_boxes_around_them() {
