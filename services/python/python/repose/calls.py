@@ -95,8 +95,8 @@ class RobotState:
 class Call(Generic[T]):
     """A call under way: wait for its `result`, or await it; go through its `progress`; `cancel` it.
 
-    Ctrl-C while one waits for it cancels it, as does any exception that a signal's handler raises meanwhile, and the end of a block that it is
-    the context of::
+    Ctrl-C while one waits for it cancels it, as does any exception that a signal's handler raises meanwhile, and the end of a block
+    that it is the context of::
 
         with client.execute_call(motion) as call:
             for step in call.progress():
