@@ -132,7 +132,8 @@ impl Readings {
         let camera = Pinhole { width: model.width, height: model.height, fx: model.fx, fy: model.fy, cx: model.cx, cy: model.cy };
         let mut depth = DepthMap::new(&frame.depth, model.depth_unit_m, &camera, settings.max_depth_m);
         let readings = depth.readings();
-        let flying = flying::remove(depth.depth_m_mut(), camera.fx as f32, &settings.flying);
+        let repeat_px = depth.repeat_px();
+        let flying = flying::remove(depth.depth_m_mut(), repeat_px, camera.fx as f32, &settings.flying);
         if readings > flying.removed {
             return Ok(Self { camera, depth, readings, flying });
         }

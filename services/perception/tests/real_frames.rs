@@ -128,7 +128,7 @@ fn repeated_and_flying(frame: &Frame) -> (usize, usize) {
     let camera = Pinhole { width, height, fx, fy, cx, cy };
     let mut depth = DepthMap::new(&frame.depth, depth_unit_m, &camera, settings.max_depth_m);
     let repeat_px = depth.repeat_px();
-    (repeat_px, flying::remove(depth.depth_m_mut(), fx as f32, &settings.flying).removed)
+    (repeat_px, flying::remove(depth.depth_m_mut(), repeat_px, fx as f32, &settings.flying).removed)
 }
 
 /// A frame's depth with every pixel twice in both directions.

@@ -46,13 +46,12 @@ impl StepLimit {
 
 /// Replaces flying readings by NaN; what was found of them.
 ///
-/// `depth_m` holds NaN where there is no reading, `focal_px` is the focal length of the same picture.
-pub fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings) -> Flying {
+/// `depth_m` holds NaN where there is no reading and repeats each reading `repeat_px` wide ([`repeats`]), `focal_px` is the focal length of the same picture.
+pub fn remove(depth_m: &mut Image<f32>, repeat_px: usize, focal_px: f32, settings: &FlyingSettings) -> Flying {
     let (width, height) = (depth_m.width(), depth_m.height());
     if width < 3 || height < 3 {
         return Flying::default();
     }
-    let repeat_px = repeats::repeat_px(depth_m);
     // Judged on the readings as they came: a pixel taken out must not make its neighbour flying.
     let before = Before::of(depth_m, repeat_px);
     // From one block to the next there is as much surface as between two pixels of a picture of so many blocks.
@@ -153,6 +152,11 @@ mod tests {
         let world_from_camera = look_at(&Point3::new(0.2, -0.8, height_m), &Point3::origin(), &Vector3::z());
         let solids = [Solid::table(0.0), Solid::cuboid([0.0, 0.0, 0.06], [0.1, 0.1, 0.06])];
         cast(&solids, &CAMERA, &world_from_camera).map(|s| s.map_or(f32::NAN, |(z, _)| z as f32))
+    }
+
+    /// Of a picture that repeats its readings as wide as it tells by itself.
+    fn remove(depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings) -> Flying {
+        super::remove(depth_m, repeats::repeat_px(depth_m), focal_px, settings)
     }
 
     fn settings() -> FlyingSettings {
