@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
+from layers import Convolution, exported, restored
 from safetensors.numpy import load_file, save_file
 from torch import Tensor, nn
 
@@ -47,25 +48,6 @@ class Objects:
 
 
 # ---- the network; services/shared/networks/src/completion.rs computes the same
-
-class Convolution(nn.Module):
-    """3 x 3 or 1 x 1, batch norm, ReLU."""
-
-    def __init__(self, inputs: int, outputs: int, stride: int = 1, size: int = 3, relu: bool = True):
-        super().__init__()
-        self.convolution = nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False)
-        self.norm, self.relu = nn.BatchNorm2d(outputs), relu
-
-    def forward(self, x: Tensor) -> Tensor:
-        x = self.norm(self.convolution(x))
-        return F.relu(x) if self.relu else x
-
-    def folded(self) -> tuple[Tensor, Tensor]:
-        """Weight [outputs, rows, columns, inputs] and bias with the norm in them."""
-        factor = self.norm.weight / (self.norm.running_var + self.norm.eps).sqrt()
-        weight = self.convolution.weight * factor[:, None, None, None]
-        return weight.permute(0, 2, 3, 1), self.norm.bias - self.norm.running_mean * factor
-
 
 class CompletionNetwork(nn.Module):
     """What was seen → logits [batch, SLABS, SIDE, SIDE] of cells that the object fills."""
@@ -176,17 +158,8 @@ def export(args: argparse.Namespace) -> None:
     network = CompletionNetwork()
     network.load_state_dict(saved["network"])
     network.eval()
-    tensors = {}
-    for name, module in network.named_children():
-        if isinstance(module, Convolution):
-            weight, bias = module.folded()
-        else:
-            weight, bias = module.weight, module.bias
-            weight = weight.permute(0, 2, 3, 1) if weight.dim() == 4 else weight
-        for part, values in (("weight", weight), ("bias", bias)):
-            tensors[f"completion/{name}/{part}"] = values.detach().half().contiguous().numpy()
     metadata = {"format": "repose-completion-1", "steps": str(saved["step"]), "objects": str(saved["objects"]), "torch": torch.__version__, "recipe": args.recipe}
-    save_file(tensors, args.export, metadata)
+    save_file(exported(network, "completion"), args.export, metadata)
 
 
 # ---- what the test in Rust compares with
@@ -197,27 +170,12 @@ def by_formula() -> Tensor:
     return (((7 * row + 3 * cell + 5 * c) % 11).float() / 11 - 0.3)[None]
 
 
-def stored(path: Path) -> CompletionNetwork:
-    """The network with exported weights."""
-    tensors, network = load_file(path), CompletionNetwork()
-    with torch.no_grad():
-        for name, module in network.named_children():
-            weight, bias = (torch.from_numpy(tensors[f"completion/{name}/{part}"]).float() for part in ("weight", "bias"))
-            weight = weight.permute(0, 3, 1, 2) if weight.dim() == 4 else weight
-            if isinstance(module, Convolution):
-                module.convolution.weight.copy_(weight)
-                module.norm.bias.copy_(bias)
-                module.norm.eps = 1e-12  # the norm is in the weights already
-            else:
-                module.weight.copy_(weight)
-                module.bias.copy_(bias)
-    return network.eval()
-
-
 @torch.no_grad()
 def golden(args: argparse.Namespace) -> None:
     """How likely every seventh cell is filled, slab by slab, by exported weights on the formula's cells."""
-    filled = torch.sigmoid(stored(args.weights)(by_formula()))[0].flatten(1)[:, ::7].tolist()
+    network = CompletionNetwork()
+    restored(network, "completion", args.weights)
+    filled = torch.sigmoid(network(by_formula()))[0].flatten(1)[:, ::7].tolist()
     args.golden.write_text(json.dumps([[round(value, 5) for value in slab] for slab in filled]))
 
 

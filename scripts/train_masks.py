@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
+from layers import Convolution, exported, restored
 from safetensors.numpy import save_file
 from torch import Tensor, nn
 
@@ -274,25 +275,6 @@ def level(height: Tensor, depth: Tensor, upward: Tensor) -> Tensor:
 
 # ---- the network
 
-class Convolution(nn.Module):
-    """3 x 3 or 1 x 1, batch norm, ReLU."""
-
-    def __init__(self, inputs: int, outputs: int, stride: int = 1, size: int = 3, relu: bool = True):
-        super().__init__()
-        self.convolution = nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False)
-        self.norm, self.relu = nn.BatchNorm2d(outputs), relu
-
-    def forward(self, x: Tensor) -> Tensor:
-        x = self.norm(self.convolution(x))
-        return F.relu(x) if self.relu else x
-
-    def folded(self) -> tuple[Tensor, Tensor]:
-        """Weight [outputs, rows, columns, inputs] and bias with the norm in them."""
-        factor = self.norm.weight / (self.norm.running_var + self.norm.eps).sqrt()
-        weight = self.convolution.weight * factor[:, None, None, None]
-        return weight.permute(0, 2, 3, 1), self.norm.bias - self.norm.running_mean * factor
-
-
 class MaskNetwork(nn.Module):
     """[batch, 12, H, W], sides multiples of 16 → logits [batch, 1 + offsets, H, W]: object, same object as the pixel at each offset."""
 
@@ -450,17 +432,9 @@ def loaded(checkpoint: Path) -> tuple[MaskNetwork, dict]:
 def export(args: argparse.Namespace) -> None:
     """The averaged weights, norms folded, in half precision."""
     network, saved = loaded(args.checkpoint)
-    tensors = {}
-    for name, module in network.named_children():
-        if isinstance(module, Convolution):
-            weight, bias = module.folded()
-        else:
-            weight, bias = module.weight, module.bias
-            weight = weight.permute(0, 2, 3, 1) if weight.dim() == 4 else weight
-        tensors[f"masks/{name}/weight"], tensors[f"masks/{name}/bias"] = (t.detach().half().contiguous().numpy() for t in (weight, bias))
     metadata = {"format": "repose-masks-1", "offsets": json.dumps(OFFSETS), "steps": str(saved["step"]), "views": str(saved["views"]),
                 "seconds": str(round(saved["spent"])), "torch": torch.__version__, "recipe": args.recipe}
-    save_file(tensors, args.export, metadata)
+    save_file(exported(network, "masks"), args.export, metadata)
 
 
 def golden_scene() -> tuple[Tensor, Tensor]:
@@ -472,29 +446,13 @@ def golden_scene() -> tuple[Tensor, Tensor]:
     return torch.where((u >= 50) & (v < 8), MISSING, depth)[None], cameras
 
 
-def stored(path: Path) -> MaskNetwork:
-    """The network with exported weights."""
-    from safetensors.numpy import load_file
-    tensors, network = load_file(path), MaskNetwork()
-    with torch.no_grad():
-        for name, module in network.named_children():
-            weight, bias = (torch.from_numpy(tensors[f"masks/{name}/{part}"]).float() for part in ("weight", "bias"))
-            weight = weight.permute(0, 3, 1, 2) if weight.dim() == 4 else weight
-            if isinstance(module, Convolution):
-                module.convolution.weight.copy_(weight)
-                module.norm.bias.copy_(bias)
-                module.norm.eps = 1e-12  # the norm is in the weights already
-            else:
-                module.weight.copy_(weight)
-                module.bias.copy_(bias)
-    return network.eval()
-
-
 @torch.no_grad()
 def golden(args: argparse.Namespace) -> None:
     """Inputs and logits of exported weights on the formula's scene, every 7th pixel, for the test in Rust."""
+    network = MaskNetwork()
+    restored(network, "masks", args.weights)
     x = inputs(*golden_scene(), False)
-    told = {"inputs": x[0].flatten(1)[:, ::7].tolist(), "logits": stored(args.weights)(x)[0].flatten(1)[:, ::7].tolist()}
+    told = {"inputs": x[0].flatten(1)[:, ::7].tolist(), "logits": network(x)[0].flatten(1)[:, ::7].tolist()}
     args.golden.write_text(json.dumps({k: [[round(value, 5) for value in row] for row in rows] for k, rows in told.items()}))
 
 
