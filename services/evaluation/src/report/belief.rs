@@ -9,6 +9,7 @@ pub fn text_of(table: &BeliefTable) -> String {
         "kind",
         "objects",
         "bottom",
+        "feet",
         "far side",
         "near side",
         "mass away",
@@ -25,6 +26,7 @@ pub fn text_of(table: &BeliefTable) -> String {
             name.clone(),
             row.objects.to_string(),
             error(&row.bottom_mm),
+            row.foot_right.to_string(),
             error(&row.far_mm),
             error(&row.near_mm),
             error(&row.axis_away_mm),
@@ -45,8 +47,9 @@ pub fn text_of(table: &BeliefTable) -> String {
 }
 
 /// The columns, in their order.
-const LEGEND: [(&str, &str); 7] = [
+const LEGEND: [(&str, &str); 8] = [
     ("bottom, far side, near side", "errors in mm, believed less true: median with its sign, median and 90th percentile of their sizes"),
+    ("feet", "objects whose bottom is as high as is believed, within 8 mm"),
     ("mass away, across", "the same of the centre of mass, away from the camera and across"),
     ("in doubt", "objects that end within what is said to be possible on the far side"),
     ("base, outline", "what the believed and the true one, seen from above, have in common, as a share of both together"),

@@ -1,6 +1,8 @@
-//! The levels that objects of training scenes may end at, and which of them are right: what [`repose_belief::foot`] is fitted on.
+//! The levels that objects of training scenes may end at, and which of them are right: what [`repose_belief::foot`] is fitted on, and what [`repose_belief::foot_picture`] is
+//! trained on.
 
-use repose_belief::foot::RIGHT_M;
+use repose_belief::foot::{Level, RIGHT_M};
+use repose_belief::foot_picture::DoubtfulFoot;
 use repose_belief::{Belief, BeliefSettings, SeenScene};
 use repose_simulator::scene::SceneObject;
 use serde::{Deserialize, Serialize};
@@ -36,12 +38,9 @@ impl SceneFeet {
             let Ok(levels) = Belief::foot_levels(&seen, &BeliefSettings::default()) else { return };
             // Of masks that match no object nothing is known.
             let known = truth.objects.iter().filter_map(|object| Some((bottom_m(object), levels.get(&object.id)?)));
-            feet.objects.extend(known.map(|(bottom_m, levels)| {
-                levels
-                    .iter()
-                    .map(|level| (level.measures.clone(), (f64::from(level.height_m) - bottom_m).abs() <= f64::from(RIGHT_M)))
-                    .collect()
-            }));
+            feet.objects.extend(
+                known.map(|(bottom_m, levels)| levels.iter().map(|level| (level.measures.clone(), is_right(level, bottom_m))).collect()),
+            );
         });
         feet
     }
@@ -51,6 +50,34 @@ impl SceneFeet {
         let levels = self.objects.iter().flatten();
         levels.map(|(measures, right)| FitSample { measures: measures.clone(), came_true: *right }).collect()
     }
+}
+
+/// An object of whose foot the trees are in doubt, in one view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DoubtfulSample {
+    /// What was seen of it, and its levels.
+    pub foot: DoubtfulFoot,
+    /// Which of these are right.
+    pub right: Vec<bool>,
+}
+
+/// The objects of the scene of [`SceneFeet::of`] that the trees which come with the program are in doubt of.
+pub fn doubtful_samples(index: u64) -> Vec<DoubtfulSample> {
+    let mut samples = Vec::new();
+    VIEWS.show(FIRST_SEED + index, index, |truth, view| {
+        let seen = SeenScene::of(&view.observed, &view.world_from_camera);
+        let Ok(mut feet) = Belief::doubtful_feet(&seen, &BeliefSettings::default()) else { return };
+        let known = truth.objects.iter().filter_map(|object| Some((bottom_m(object), feet.remove(&object.id)?)));
+        samples.extend(known.map(|(bottom_m, foot)| {
+            let right = foot.levels.iter().map(|(level, _)| is_right(level, bottom_m)).collect();
+            DoubtfulSample { foot, right }
+        }));
+    });
+    samples
+}
+
+fn is_right(level: &Level, bottom_m: f64) -> bool {
+    (f64::from(level.height_m) - bottom_m).abs() <= f64::from(RIGHT_M)
 }
 
 /// The true height of an object's bottom, world z, metres.

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use repose_belief::BeliefSettings;
+use repose_belief::foot::RIGHT_M;
 use repose_dataset::Split;
 use repose_networks::serving::spread;
 use repose_simulator::scene::{KindWeights, SceneKind};
@@ -42,6 +43,8 @@ pub struct BeliefRow {
     pub objects: usize,
     /// Of the bottom's height.
     pub bottom_mm: ErrorSpread,
+    /// Of the objects, those whose bottom is as high as is believed, within 8 mm.
+    pub foot_right: Rate,
     /// Of where the far side ends.
     pub far_mm: ErrorSpread,
     /// Of where the near side ends.
@@ -142,6 +145,7 @@ impl BeliefRow {
         Self {
             objects: objects.len(),
             bottom_mm: errors(|o| o.bottom_m),
+            foot_right: objects.iter().map(|o| o.bottom_m.abs() <= RIGHT_M).collect(),
             far_mm: errors(|o| o.far_m),
             near_mm: errors(|o| o.near_m),
             axis_away_mm: errors(|o| o.axis_away_m),

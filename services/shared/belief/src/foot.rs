@@ -5,6 +5,7 @@
 //! says, the furniture under it, the tops, the insides and the bottoms of what may bear it ([`crate::bearing`]), and its own lowest points. Boosted
 //! trees say of each how likely it is the right one, from what the camera read between it and the object's lowest points, how likely which object
 //! bears it, where its lower edge ends in the picture, and whether the network that completes shapes fills the space around it ([`crate::filling`]).
+//! Where they are in doubt, a network that looks at the picture corrects them ([`crate::foot_picture`]).
 //! They are fitted on objects of training scenes (`repose train --network foot`), and come with the program, in `weights/foot.json`, like those for
 //! backs ([`crate::back`]).
 
@@ -178,11 +179,20 @@ impl Foot {
         self.log_odds.probability(measures)
     }
 
-    /// The level of an object's bottom, and how likely it is the right one: the rule's, which is the first, unless another is clearly likelier. `None`
-    /// without levels.
+    /// The logarithm of the odds that a level is the right one.
+    pub fn log_odds(&self, level: &Level) -> f64 {
+        self.log_odds.of(&level.measures)
+    }
+
+    /// The level of an object's bottom by the trees alone, as [`Self::chosen`]. `None` without levels.
     pub fn choice(&self, levels: &[Level]) -> Option<Chosen> {
-        let of_level = |level: &Level| Chosen { height_m: level.height_m, probability: self.probability(&level.measures), lower_m: 0.0 };
-        let said: Vec<Chosen> = levels.iter().map(of_level).collect();
+        Self::chosen(levels.iter().map(|level| (level.height_m, self.probability(&level.measures))))
+    }
+
+    /// Of levels (world z, metres) and how likely each is the right one, that of the object's bottom: the rule's, which is the first, unless another is
+    /// clearly likelier. `None` without levels.
+    pub fn chosen(levels: impl Iterator<Item = (f32, f64)>) -> Option<Chosen> {
+        let said: Vec<Chosen> = levels.map(|(height_m, probability)| Chosen { height_m, probability, lower_m: 0.0 }).collect();
         let rule = *said.first()?;
         // Of equals the first.
         let best = said.iter().copied().reduce(|best, other| if other.probability > best.probability { other } else { best })?;

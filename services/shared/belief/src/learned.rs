@@ -1,20 +1,21 @@
-//! What was learned and comes with the program for beliefs: boosted trees and the network that completes shapes. Who forms a belief does so with its own,
+//! What was learned and comes with the program for beliefs: boosted trees, the network that completes shapes and the one that looks at feet. Who forms a belief does so with its own,
 //! whatever weights inference serves, and so a result that rests on a belief says which they were.
 
 use std::sync::LazyLock;
 
-use repose_networks::{completion, digest::digest};
+use repose_networks::{completion, digest::digest, feet};
 
 use crate::completion::network;
 use crate::{back, bearing, cut, foot};
 
 /// Every part by name, as its file has it.
-pub fn parts() -> [(&'static str, &'static [u8]); 5] {
+pub fn parts() -> [(&'static str, &'static [u8]); 6] {
     [
         ("back", back::FILE.as_bytes()),
         ("bearing", bearing::FILE.as_bytes()),
         ("completion", completion::FILE),
         ("cut", cut::FILE.as_bytes()),
+        ("feet", feet::FILE),
         ("foot", foot::FILE.as_bytes()),
     ]
 }

@@ -44,6 +44,7 @@ pub mod cut;
 pub mod far_side;
 pub mod filling;
 pub mod foot;
+pub mod foot_picture;
 pub mod front;
 pub mod learned;
 pub mod meeting;
@@ -77,7 +78,8 @@ use crown::is_crowned;
 use cut::Cut;
 use far_side::solid_runs;
 use filling::Filling;
-use foot::{Chosen, Foot, Level};
+use foot::{Chosen, Level};
+use foot_picture::DoubtfulFoot;
 use front::Front;
 use meeting::Edges;
 use plane::SupportPlane;
@@ -205,6 +207,16 @@ impl Belief {
         Ok(foot_levels(&geometry, &standing_at(&BTreeMap::new(), &geometry)))
     }
 
+    /// The objects whose foot the trees doubt, with the picture around each and what they say of its levels: what the network that looks at feet is trained on.
+    ///
+    /// # Errors
+    /// [`TooWide`].
+    pub fn doubtful_feet(seen: &SeenScene<'_>, settings: &BeliefSettings) -> Result<BTreeMap<u16, DoubtfulFoot>, TooWide> {
+        let observed = Observed::of(seen, settings)?;
+        let geometry = observed.geometry(settings);
+        Ok(foot_picture::doubtful(geometry.view, foot_levels(&geometry, &standing_at(&BTreeMap::new(), &geometry))))
+    }
+
     /// What the network that completes shapes is told of a scene's objects: what it is trained on.
     ///
     /// # Errors
@@ -329,8 +341,7 @@ impl Observed {
 /// The whole shapes of the objects that were seen.
 fn completed(seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
     let by_rule = standing_at(&BTreeMap::new(), seen);
-    let feet: BTreeMap<u16, Chosen> =
-        foot_levels(seen, &by_rule).iter().filter_map(|(id, levels)| Some((*id, Foot::own().choice(levels)?))).collect();
+    let feet: BTreeMap<u16, Chosen> = foot_picture::choices(seen.view, &foot_levels(seen, &by_rule));
     let is_other = |(id, foot): &(&u16, &Chosen)| by_rule.get(id).is_some_and(|shape| shape.bottom_m != foot.height_m);
     let others: BTreeMap<u16, f32> = feet.iter().filter(is_other).map(|(id, foot)| (*id, foot.height_m)).collect();
     let mut shapes = if others.is_empty() { by_rule } else { standing_at(&others, seen) };

@@ -25,12 +25,13 @@ const RINGS: usize = 4;
 
 /// What the camera saw at one pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Pixel {
+pub(crate) struct Pixel {
     /// Along the optical axis, metres; 0 without a reading.
-    depth_m: f32,
+    pub depth_m: f32,
     /// Height of the point, world z, metres.
-    height_m: f32,
-    object: u16,
+    pub height_m: f32,
+    /// Whose it is, 0 for furniture.
+    pub object: u16,
 }
 
 /// What is beside a pixel in the picture.
@@ -116,6 +117,22 @@ impl ObservedView {
         Point3::from(self.camera_from_world.inverse().translation.vector.cast())
     }
 
+    /// The picture.
+    pub(crate) fn pixels(&self) -> &Image<Pixel> {
+        &self.pixels
+    }
+
+    /// The camera of the picture.
+    pub(crate) fn camera(&self) -> &Pinhole {
+        &self.camera
+    }
+
+    /// How far up a ray goes through a place in the picture, pixels, per metre along the optical axis.
+    pub(crate) fn rise(&self, u: f64, v: f64) -> f64 {
+        let ray = self.camera.unproject(u, v, 1.0).coords;
+        self.camera_from_world.inverse().rotation.transform_vector(&ray).z
+    }
+
     /// Focal length of the camera's own picture, pixels.
     pub fn focal_px(&self) -> f32 {
         self.focal_px
@@ -174,7 +191,7 @@ impl ObservedView {
 
     /// A step of a pixel down in the picture from a place (camera frame): to the row below, unless the camera is rolled so far that things fall
     /// across the rows. Looking straight down it is not rolled.
-    fn step_down(&self, in_camera: &Point3<f64>) -> Option<Vector2<f64>> {
+    pub(crate) fn step_down(&self, in_camera: &Point3<f64>) -> Option<Vector2<f64>> {
         let down = (self.camera_from_world.rotation * -Vector3::<f64>::z()).xy();
         let looks_down = down.norm() < 5f64.to_radians().sin();
         if looks_down || down.y >= down.norm() * 20f64.to_radians().cos() {

@@ -53,6 +53,17 @@ impl FeatureMap {
         sums.iter().map(|sum| sum / pixels).collect()
     }
 
+    /// The largest of each channel over the picture.
+    pub fn most(&self) -> Vec<f32> {
+        let mut most = vec![f32::NEG_INFINITY; self.channels];
+        for row in 0..self.rows {
+            for pixel in self.inside(row).chunks_exact(self.channels) {
+                most.iter_mut().zip(pixel).for_each(|(most, x)| *most = most.max(*x));
+            }
+        }
+        most
+    }
+
     /// A 3 × 3 convolution with ReLU at every `stride`-th pixel: `[rows / stride, columns / stride, outputs]`.
     pub fn convolved(&self, kernel: Kernel, layer: &PackedLinear, stride: usize) -> Self {
         let mut out = Self::zeros(self.rows / stride, self.columns / stride, layer.padded());

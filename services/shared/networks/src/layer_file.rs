@@ -40,7 +40,11 @@ impl LayerFile {
         Ok(PackedLinear::new(inputs, outputs, &weight, &bias))
     }
 
-    fn values(&self, path: &str, part: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
+    /// A part of a layer, flat.
+    ///
+    /// # Errors
+    /// As [`Self::layer`].
+    pub fn values(&self, path: &str, part: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
         let name = format!("{path}/{part}");
         let tensor = self.tensors.get(&name).ok_or_else(|| malformed(&name, "this tensor is missing".to_owned()))?;
         if tensor.dims() != shape {

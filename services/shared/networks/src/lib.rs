@@ -37,6 +37,7 @@ pub mod crops;
 pub mod digest;
 pub mod discriminator;
 mod feature_map;
+pub mod feet;
 mod fused;
 pub mod kernel;
 mod layer_file;

@@ -1,8 +1,10 @@
 //! `repose generate`: simulated scenes to train on, contact sheets of them to look at, and what they are like in numbers.
 
 mod completion;
+mod feet;
 mod frames;
 mod proposals;
+mod shards;
 
 use std::path::{Path, PathBuf};
 
@@ -26,6 +28,7 @@ use repose_simulator::trials::ReleaseTrialSettings;
 use repose_simulator::views::view_of_scene;
 
 use self::completion::write_completion;
+use self::feet::write_feet;
 use self::frames::write_frames;
 use self::proposals::write_proposals;
 use crate::embedded::engine;
@@ -60,6 +63,10 @@ pub struct GenerateArgs {
     /// of each of `--scenes` scenes of all kinds. Existing shards are kept.
     #[arg(long, value_name = "DIR", group = "product", conflicts_with_all = ["split", "kind", "objects", "views"])]
     pub completion: Option<PathBuf>,
+    /// A folder for shards that the network which looks at feet is trained on, by scripts/train_feet.py: two views of each of `--scenes` scenes of all
+    /// kinds, those of `train --network foot`. Take some that it has not learned, by `--first`. Existing shards are kept.
+    #[arg(long, value_name = "DIR", group = "product", conflicts_with_all = ["split", "kind", "objects", "views"])]
+    pub feet: Option<PathBuf>,
     /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
     /// rejections. The histograms are drawn beside it, in a file of its name that ends in .svg. With `--out`, only scenes written by this run are
     /// counted.
@@ -161,6 +168,11 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         let objects = on_threads(settings.threads, || write_completion(folder, args.first, args.scenes))??;
         report.text.push(format!("{objects} objects, each from one view, added in {}", folder.display()));
         report.add("objects", objects);
+    }
+    if let Some(folder) = &args.feet {
+        let objects = on_threads(settings.threads, || write_feet(folder, args.first, args.scenes))??;
+        report.text.push(format!("{objects} objects whose foot is in doubt, each from one view, added in {}", folder.display()));
+        report.add("doubtful_feet", objects);
     }
     let statistics = match &args.out {
         Some(folder) => Some(write_shards(folder, &settings, &mut report)?),
