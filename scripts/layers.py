@@ -1,4 +1,7 @@
-"""What the networks that are trained in Python and served by Repose have in common: a layer, and the file that services/shared/networks/src/layer_file.rs reads."""
+"""What the networks that are trained in Python and served by Repose have in common: a layer, the file that services/shared/networks/src/layer_file.rs reads, and,
+of those that learn from objects, the training and the command line."""
+import argparse, json, time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -57,3 +60,66 @@ def restored(network: nn.Module, name: str, path: Path) -> dict[str, np.ndarray]
                 module.bias.copy_(bias)
     network.eval()
     return tensors
+
+
+def trained(network: nn.Module, learned: np.ndarray, rises: float, loss_of: Callable[[np.ndarray, np.random.Generator], Tensor],
+            held_out: Callable[[], dict], kept: dict[str, int], rng: np.random.Generator, args: argparse.Namespace) -> None:
+    """Trains a network for some epochs of what is learned from, and keeps its state after each; goes on from that if it is there. The learning rate rises for a
+    share of the steps; `loss_of` is told the sorted indices of a batch, `held_out` gives figures after each epoch, `kept` goes with the state."""
+    per_epoch = len(learned) // args.batch
+    total = max(int(per_epoch * args.epochs), 1)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=args.rate, weight_decay=1e-3)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, args.rate, total_steps=total + 1, pct_start=rises)
+    first = 0
+    if args.checkpoint.exists():
+        saved = torch.load(args.checkpoint, weights_only=True)
+        if saved["total"] != total:
+            raise SystemExit(f"{args.checkpoint}: of a run of {saved['total']} steps, expected {total}: take another file or the same data and --epochs")
+        network.load_state_dict(saved["network"])
+        optimiser.load_state_dict(saved["optimiser"])
+        schedule.load_state_dict(saved["schedule"])
+        first = saved["step"]
+        rng = np.random.default_rng(args.seed + first)
+    order, losses, start = rng.permutation(learned), [], time.time()
+    for step in range(first, total):
+        network.train()
+        at = (step % per_epoch) * args.batch
+        if at == 0:
+            order = rng.permutation(learned)
+        loss = loss_of(np.sort(order[at:at + args.batch]), rng)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+        losses.append(loss.item())
+        done = step + 1
+        if done % 100 == 0:
+            print(json.dumps({"step": done, "of": total, "loss": round(float(np.mean(losses[-100:])), 4), "seconds": round(time.time() - start)}), flush=True)
+        if done % per_epoch == 0 or done == total:
+            print(json.dumps({"held_out": held_out()}), flush=True)
+            unfinished = args.checkpoint.with_name(args.checkpoint.name + ".tmp")
+            state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "schedule": schedule.state_dict()}
+            torch.save({**state, "step": done, "total": total, **kept}, unfinished)
+            unfinished.replace(args.checkpoint)
+
+
+def run(description: str, name: str, epochs: float, batch: int, says: str, train: Callable, export: Callable, golden: Callable) -> None:
+    """The command line of a network of that name: trains, or exports, or writes what the test in Rust compares with, `says`."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, action="append", default=[], help="a folder of shards; the last objects are held out")
+    parser.add_argument("--checkpoint", type=Path, default=Path(f"{name}.pt"), help="where the state is kept after each epoch, and gone on from if it is there")
+    parser.add_argument("--epochs", type=float, default=epochs)
+    parser.add_argument("--batch", type=int, default=batch)
+    parser.add_argument("--rate", type=float, default=2e-3, help="highest learning rate")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--export", type=Path, help="write the weights here instead of training")
+    parser.add_argument("--weights", type=Path, help="exported weights, for --golden")
+    parser.add_argument("--golden", type=Path, help=f"write {says} here, for the test in Rust")
+    parser.add_argument("--recipe", default="", help="kept in the weights' metadata")
+    args = parser.parse_args()
+    if args.golden:
+        golden(args)
+    elif args.export:
+        export(args)
+    else:
+        train(args)

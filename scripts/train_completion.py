@@ -7,13 +7,13 @@
 
 Objects are mirrored in half of the steps: left and right of the line of sight are alike. Needs torch, numpy and safetensors; one core is enough.
 """
-import argparse, json, time
+import argparse, json
 from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from layers import Convolution, exported, restored
+from layers import Convolution, exported, restored, run, trained
 from safetensors.numpy import load_file, save_file
 from torch import Tensor, nn
 
@@ -88,43 +88,13 @@ def train(args: argparse.Namespace) -> None:
     objects = Objects(args.data)
     learned = np.arange(int(len(objects) * (1 - HELD_OUT)))
     held_out = np.arange(len(learned), len(objects))
-    per_epoch = len(learned) // args.batch
-    total = max(int(per_epoch * args.epochs), 1)
     network = CompletionNetwork()
-    optimiser = torch.optim.AdamW(network.parameters(), lr=args.rate, weight_decay=1e-3)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, args.rate, total_steps=total + 1, pct_start=0.1)
-    first = 0
-    if args.checkpoint.exists():
-        saved = torch.load(args.checkpoint, weights_only=True)
-        if saved["total"] != total:
-            raise SystemExit(f"{args.checkpoint}: of a run of {saved['total']} steps, expected {total}: take another file or the same data and --epochs")
-        network.load_state_dict(saved["network"])
-        optimiser.load_state_dict(saved["optimiser"])
-        schedule.load_state_dict(saved["schedule"])
-        first = saved["step"]
-        rng = np.random.default_rng(args.seed + first)
-    order, losses, start = rng.permutation(learned), [], time.time()
-    for step in range(first, total):
-        network.train()
-        at = (step % per_epoch) * args.batch
-        if at == 0:
-            order = rng.permutation(learned)
-        seen, filled = objects.batch(np.sort(order[at:at + args.batch]), torch.from_numpy(rng.random(args.batch) < 0.5))
-        loss = F.binary_cross_entropy_with_logits(network(seen), filled)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
-        losses.append(loss.item())
-        done = step + 1
-        if done % 100 == 0:
-            print(json.dumps({"step": done, "of": total, "loss": round(float(np.mean(losses[-100:])), 4), "seconds": round(time.time() - start)}), flush=True)
-        if done % per_epoch == 0 or done == total:
-            print(json.dumps({"held_out": figures(network, objects, held_out)}), flush=True)
-            unfinished = args.checkpoint.with_name(args.checkpoint.name + ".tmp")
-            state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "schedule": schedule.state_dict()}
-            torch.save({**state, "step": done, "total": total, "objects": len(learned)}, unfinished)
-            unfinished.replace(args.checkpoint)
+
+    def loss_of(batch: np.ndarray, rng: np.random.Generator) -> Tensor:
+        seen, filled = objects.batch(batch, torch.from_numpy(rng.random(args.batch) < 0.5))
+        return F.binary_cross_entropy_with_logits(network(seen), filled)
+
+    trained(network, learned, 0.1, loss_of, lambda: figures(network, objects, held_out), {"objects": len(learned)}, rng, args)
 
 
 @torch.no_grad()
@@ -179,26 +149,5 @@ def golden(args: argparse.Namespace) -> None:
     args.golden.write_text(json.dumps([[round(value, 5) for value in slab] for slab in filled]))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, action="append", default=[], help="a folder of shards; the last objects are held out")
-    parser.add_argument("--checkpoint", type=Path, default=Path("completion.pt"), help="where the state is kept after each epoch, and gone on from if it is there")
-    parser.add_argument("--epochs", type=float, default=10)
-    parser.add_argument("--batch", type=int, default=64)
-    parser.add_argument("--rate", type=float, default=2e-3, help="highest learning rate")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--export", type=Path, help="write the weights here instead of training")
-    parser.add_argument("--weights", type=Path, help="exported weights, for --golden")
-    parser.add_argument("--golden", type=Path, help="write what they say of cells by formula here, for the test in Rust")
-    parser.add_argument("--recipe", default="", help="kept in the weights' metadata")
-    args = parser.parse_args()
-    if args.golden:
-        golden(args)
-    elif args.export:
-        export(args)
-    else:
-        train(args)
-
-
 if __name__ == "__main__":
-    main()
+    run(__doc__, "completion", 10, 64, "what they say of cells by formula", train, export, golden)

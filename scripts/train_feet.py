@@ -7,13 +7,13 @@
 
 Pictures are mirrored in half of the steps: left and right are alike. Needs torch, numpy and safetensors; two cores are enough.
 """
-import argparse, json, time
+import argparse, json
 from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from layers import Convolution, exported, restored
+from layers import Convolution, exported, restored, run, trained
 from safetensors.numpy import load_file, save_file
 from torch import Tensor, nn
 
@@ -108,48 +108,17 @@ def train(args: argparse.Namespace) -> None:
     feet = Feet(args.data)
     is_learned = feet.object_of < int(len(feet) * (1 - HELD_OUT))
     learned, held_out = np.where(is_learned)[0], np.where(~is_learned)[0]
-    per_epoch = len(learned) // args.batch
-    total = max(int(per_epoch * args.epochs), 1)
     network = FeetNetwork()
     usual = torch.cat([feet.batch(part)[1] for part in np.array_split(learned[:: max(len(learned) // 20000, 1)], 100)])
     network.mean.copy_(usual.mean(0))
     network.per_unit.copy_(1 / (usual.std(0) + 1e-6))
-    optimiser = torch.optim.AdamW(network.parameters(), lr=args.rate, weight_decay=1e-3)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, args.rate, total_steps=total + 1, pct_start=0.15)
-    first = 0
-    if args.checkpoint.exists():
-        saved = torch.load(args.checkpoint, weights_only=True)
-        if saved["total"] != total:
-            raise SystemExit(f"{args.checkpoint}: of a run of {saved['total']} steps, expected {total}: take another file or the same data and --epochs")
-        network.load_state_dict(saved["network"])
-        optimiser.load_state_dict(saved["optimiser"])
-        schedule.load_state_dict(saved["schedule"])
-        first = saved["step"]
-        rng = np.random.default_rng(args.seed + first)
     print(json.dumps({"objects": len(feet), "levels": len(feet.right), "held_out": figures(None, feet, held_out)}), flush=True)
-    order, losses, start = rng.permutation(learned), [], time.time()
-    for step in range(first, total):
-        network.train()
-        at = (step % per_epoch) * args.batch
-        if at == 0:
-            order = rng.permutation(learned)
-        levels = np.sort(order[at:at + args.batch])
-        logits = network(*feet.batch(levels, torch.from_numpy(rng.random(len(levels)) < 0.5)))
-        loss = F.binary_cross_entropy_with_logits(logits, torch.from_numpy(feet.right[levels].astype(np.float32)))
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
-        losses.append(loss.item())
-        done = step + 1
-        if done % 100 == 0:
-            print(json.dumps({"step": done, "of": total, "loss": round(float(np.mean(losses[-100:])), 4), "seconds": round(time.time() - start)}), flush=True)
-        if done % per_epoch == 0 or done == total:
-            print(json.dumps({"held_out": figures(network, feet, held_out)}), flush=True)
-            unfinished = args.checkpoint.with_name(args.checkpoint.name + ".tmp")
-            state = {"network": network.state_dict(), "optimiser": optimiser.state_dict(), "schedule": schedule.state_dict()}
-            torch.save({**state, "step": done, "total": total, "levels": len(learned)}, unfinished)
-            unfinished.replace(args.checkpoint)
+
+    def loss_of(batch: np.ndarray, rng: np.random.Generator) -> Tensor:
+        logits = network(*feet.batch(batch, torch.from_numpy(rng.random(len(batch)) < 0.5)))
+        return F.binary_cross_entropy_with_logits(logits, torch.from_numpy(feet.right[batch].astype(np.float32)))
+
+    trained(network, learned, 0.15, loss_of, lambda: figures(network, feet, held_out), {"levels": len(learned)}, rng, args)
 
 
 @torch.no_grad()
@@ -205,26 +174,5 @@ def golden(args: argparse.Namespace) -> None:
     args.golden.write_text(json.dumps([round(value, 4) for value in network(*by_formula()).tolist()]))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, action="append", default=[], help="a folder of shards; the last objects are held out")
-    parser.add_argument("--checkpoint", type=Path, default=Path("feet.pt"), help="where the state is kept after each epoch, and gone on from if it is there")
-    parser.add_argument("--epochs", type=float, default=6)
-    parser.add_argument("--batch", type=int, default=192)
-    parser.add_argument("--rate", type=float, default=2e-3, help="highest learning rate")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--export", type=Path, help="write the weights here instead of training")
-    parser.add_argument("--weights", type=Path, help="exported weights, for --golden")
-    parser.add_argument("--golden", type=Path, help="write what they say of levels by formula here, for the test in Rust")
-    parser.add_argument("--recipe", default="", help="kept in the weights' metadata")
-    args = parser.parse_args()
-    if args.golden:
-        golden(args)
-    elif args.export:
-        export(args)
-    else:
-        train(args)
-
-
 if __name__ == "__main__":
-    main()
+    run(__doc__, "feet", 6, 192, "what they say of levels by formula", train, export, golden)
