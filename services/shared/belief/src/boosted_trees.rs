@@ -17,6 +17,11 @@ pub enum Branch {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TreeSplit(pub u8, pub f32, pub [Branch; 2]);
 
+/// The probability of these log-odds.
+pub fn probability_of(log_odds: f64) -> f64 {
+    1.0 / (1.0 + (-log_odds).exp())
+}
+
 /// One tree. The first split is its root; a tree without splits is its first leaf.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -101,7 +106,7 @@ impl BoostedTrees {
 
     /// The probability whose log-odds the sum for a row is.
     pub fn probability(&self, row: &[f32]) -> f64 {
-        1.0 / (1.0 + (-self.of(row)).exp())
+        probability_of(self.of(row))
     }
 
     /// The length (metres) whose [`log_of_length`] the sum for a row is.

@@ -10,6 +10,7 @@ use nalgebra::{Point2, Vector2};
 use rayon::prelude::*;
 use repose_networks::feet::{AskedLevel, FeetNetwork, FootPicture, SIDE, Shown, ShownPixel};
 
+use crate::boosted_trees::probability_of;
 use crate::foot::{Chosen, Foot, Level};
 use crate::view::ObservedView;
 
@@ -27,58 +28,61 @@ const LOWER: f64 = 0.2;
 pub struct DoubtfulFoot {
     /// The picture around it.
     pub picture: FootPicture,
-    /// Its levels, the rule's first, and the logarithm of the odds that the trees give each.
-    pub levels: Vec<(Level, f64)>,
+    /// What the trees say of it.
+    pub levels: Said,
 }
+
+/// An object's levels, the rule's first, and the logarithm of the odds that the trees give each.
+pub type Said = Vec<(Level, f64)>;
 
 impl DoubtfulFoot {
     /// How likely each level is the right one, by the network.
     fn looked_at(&self) -> Vec<f64> {
         let asked = |(level, log_odds): &(Level, f64)| {
             let asked = AskedLevel { height_m: level.height_m, measures: &level.measures, log_odds: *log_odds as f32 };
-            probability(f64::from(network().log_odds(&self.picture, &asked)))
+            probability_of(f64::from(network().log_odds(&self.picture, &asked)))
         };
         self.levels.iter().map(asked).collect()
     }
 }
 
 /// The level that is chosen for each object, and how likely it is the right one.
-pub fn choices(view: &ObservedView, levels: &BTreeMap<u16, Vec<Level>>) -> BTreeMap<u16, Chosen> {
-    let by_trees = levels.iter().filter_map(|(id, levels)| Some((*id, Foot::own().choice(levels)?)));
-    let mut choices: BTreeMap<u16, Chosen> = by_trees.collect();
-    let doubtful: Vec<(u16, DoubtfulFoot)> = doubtful(view, levels.clone()).into_iter().collect();
-    let looked_at: Vec<(u16, Chosen)> = doubtful
-        .par_iter()
-        .filter_map(|(id, foot)| Some((*id, Foot::chosen(foot.levels.iter().map(|(level, _)| level.height_m).zip(foot.looked_at()))?)))
-        .collect();
-    choices.extend(looked_at);
-    choices
+pub fn choices(view: &ObservedView, levels: BTreeMap<u16, Vec<Level>>) -> BTreeMap<u16, Chosen> {
+    let (left, doubtful) = by_doubt(view, levels);
+    let by_trees =
+        left.iter().filter_map(|(id, levels)| Some((*id, chosen(levels, levels.iter().map(|(_, log_odds)| probability_of(*log_odds)))?)));
+    let looked_at = doubtful.par_iter().filter_map(|(id, foot)| Some((*id, chosen(&foot.levels, foot.looked_at().into_iter())?)));
+    by_trees.chain(looked_at.collect::<Vec<_>>()).collect()
+}
+
+fn chosen(levels: &[(Level, f64)], probabilities: impl Iterator<Item = f64>) -> Option<Chosen> {
+    Foot::chosen(levels.iter().map(|(level, _)| level.height_m).zip(probabilities))
 }
 
 /// The objects that the network is asked about.
 pub fn doubtful(view: &ObservedView, levels: BTreeMap<u16, Vec<Level>>) -> BTreeMap<u16, DoubtfulFoot> {
+    by_doubt(view, levels).1.into_iter().collect()
+}
+
+/// The objects that are left to the trees, and those that the network is asked about.
+fn by_doubt(view: &ObservedView, levels: BTreeMap<u16, Vec<Level>>) -> (Vec<(u16, Said)>, Vec<(u16, DoubtfulFoot)>) {
     let said = |level: Level| {
         let log_odds = Foot::own().log_odds(&level);
         (level, log_odds)
     };
-    let asked: Vec<(u16, Vec<(Level, f64)>)> = levels
-        .into_iter()
-        .map(|(id, levels)| (id, levels.into_iter().map(said).collect::<Vec<_>>()))
-        .filter(|(_, levels)| levels.iter().all(|(_, log_odds)| probability(*log_odds) < SURE))
-        .collect();
-    if asked.is_empty() {
-        return BTreeMap::new();
+    let is_sure = |levels: &[(Level, f64)]| levels.iter().any(|(_, log_odds)| probability_of(*log_odds) >= SURE);
+    let of_objects = levels.into_iter().map(|(id, levels)| (id, levels.into_iter().map(said).collect::<Said>()));
+    let (mut left, doubted): (Vec<_>, Vec<_>) = of_objects.partition(|(_, levels)| is_sure(levels));
+    let shown = if doubted.is_empty() { BTreeMap::new() } else { shown(view) };
+    let mut doubtful = Vec::new();
+    for (id, levels) in doubted {
+        let picture = levels.first().and_then(|(rule, _)| shown.get(&id)?.picture(id, view, rule.height_m));
+        match picture {
+            Some(picture) => doubtful.push((id, DoubtfulFoot { picture, levels })),
+            None => left.push((id, levels)),
+        }
     }
-    let shown = shown(view);
-    let of = |(id, levels): (u16, Vec<(Level, f64)>)| {
-        let rule_m = levels.first()?.0.height_m;
-        Some((id, DoubtfulFoot { picture: shown.get(&id)?.picture(id, view, rule_m)?, levels }))
-    };
-    asked.into_iter().filter_map(of).collect()
-}
-
-fn probability(log_odds: f64) -> f64 {
-    1.0 / (1.0 + (-log_odds).exp())
+    (left, doubtful)
 }
 
 fn network() -> &'static FeetNetwork {

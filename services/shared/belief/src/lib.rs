@@ -341,7 +341,7 @@ impl Observed {
 /// The whole shapes of the objects that were seen.
 fn completed(seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
     let by_rule = standing_at(&BTreeMap::new(), seen);
-    let feet: BTreeMap<u16, Chosen> = foot_picture::choices(seen.view, &foot_levels(seen, &by_rule));
+    let feet: BTreeMap<u16, Chosen> = foot_picture::choices(seen.view, foot_levels(seen, &by_rule));
     let is_other = |(id, foot): &(&u16, &Chosen)| by_rule.get(id).is_some_and(|shape| shape.bottom_m != foot.height_m);
     let others: BTreeMap<u16, f32> = feet.iter().filter(is_other).map(|(id, foot)| (*id, foot.height_m)).collect();
     let mut shapes = if others.is_empty() { by_rule } else { standing_at(&others, seen) };
