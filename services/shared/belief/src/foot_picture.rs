@@ -64,8 +64,11 @@ pub fn doubtful(view: &ObservedView, levels: BTreeMap<u16, Vec<Level>>) -> BTree
     by_doubt(view, levels).1.into_iter().collect()
 }
 
+/// Of each object by its id.
+type OfObjects<T> = Vec<(u16, T)>;
+
 /// The objects that are left to the trees, and those that the network is asked about.
-fn by_doubt(view: &ObservedView, levels: BTreeMap<u16, Vec<Level>>) -> (Vec<(u16, Said)>, Vec<(u16, DoubtfulFoot)>) {
+fn by_doubt(view: &ObservedView, levels: BTreeMap<u16, Vec<Level>>) -> (OfObjects<Said>, OfObjects<DoubtfulFoot>) {
     let said = |level: Level| {
         let log_odds = Foot::own().log_odds(&level);
         (level, log_odds)
