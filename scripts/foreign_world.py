@@ -2,8 +2,8 @@
 """Picks and places in a world that is not ours: PyBullet's Panda, contacts and pictures, on Repose's keys.
 
 `pip install -r tests/foreign_world/requirements.txt`, then
-`scripts/foreign_world.py --trials 12 --kind table --seed 1 --objects YCB` (a folder of scans as `evaluate robot` takes it; without it only
-shapes made here). Starts a router and the services, asks `repose place --execute` for goals that do not hold yet, and judges by PyBullet's
+`scripts/foreign_world.py --trials 12 --kind table --seed 1 --objects YCB` (a folder of scans: in each folder `mesh.obj`,
+`convex_parts.stl` and `model.urdf`; without it only shapes made here). Starts a router and the services, asks `repose place --execute` for goals that do not hold yet, and judges by PyBullet's
 poses: within 5 cm of the plan, the goal true, tilted by less than 15 degrees, nothing else moved by 2 cm.
 
 Prints a JSON line per trial (or per exclusion) and one of totals at the end. Exits 0 when at least `--least` trials succeed, else 1.

@@ -1,12 +1,14 @@
 """What the networks that are trained in Python and served by Repose have in common: a layer, the file that services/shared/networks/src/layer_file.rs reads, and,
-of those that learn from objects, the training and the command line."""
-import argparse, json, time
+of those that learn from objects, the shards, the training and the command line."""
+import argparse, json, re, time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
+from safetensors import safe_open
 from safetensors.numpy import load_file
 from torch import Tensor, nn
 
@@ -60,6 +62,34 @@ def restored(network: nn.Module, name: str, path: Path) -> dict[str, np.ndarray]
                 module.bias.copy_(bias)
     network.eval()
     return tensors
+
+
+def loaded(name: str, folders: list[Path]) -> list[dict[str, np.ndarray]]:
+    """The shards `NAME-FIRST-END.safetensors` of some folders, in the order of their scenes. A network that learned from some that were made with other trees
+    and networks than the rest would be right for neither, and of a scene that is in two one copy may be learned from while the other is held out."""
+    named = re.compile(re.escape(name) + r"-(\d{7,})-(\d{7,})\.safetensors")
+    files = [(named.fullmatch(path.name), path) for folder in folders for path in folder.glob(f"{name}-*.safetensors")]
+    shards = sorted((int(match[1]), int(match[2]), path) for match, path in files if match)
+    if not shards:
+        raise SystemExit(f"--data: no {name}-*.safetensors in {', '.join(map(str, folders)) or 'no folder'}")
+    for (_, end, path), (first, _, other) in pairwise(shards):
+        if first < end:
+            raise SystemExit(f"--data: {path} and {other} have scenes in common")
+    made_with = {}
+    for _, _, path in shards:
+        with safe_open(path, "numpy") as shard:
+            made_with.setdefault((shard.metadata() or {}).get("made_with"), path)
+    if None in made_with:
+        raise SystemExit(f"--data: {made_with[None]} does not say what it was made with: make it anew")
+    if len(made_with) > 1:
+        raise SystemExit(f"--data: {', '.join(f'{path} was made with {by}' for by, path in made_with.items())}: expected the same for all")
+    return [load_file(path) for _, _, path in shards]
+
+
+def check_batch(learned: np.ndarray, args: argparse.Namespace) -> None:
+    """Refuses batches that what is learned from does not fill."""
+    if not 1 <= args.batch <= len(learned):
+        raise SystemExit(f"--batch {args.batch}: expected at least 1 and at most the {len(learned)} samples of --data that are learned from")
 
 
 def trained(network: nn.Module, learned: np.ndarray, rises: float, loss_of: Callable[[np.ndarray, np.random.Generator], Tensor],
@@ -117,6 +147,8 @@ def run(description: str, name: str, epochs: float, batch: int, says: str, train
     parser.add_argument("--golden", type=Path, help=f"write {says} here, for the test in Rust")
     parser.add_argument("--recipe", default="", help="kept in the weights' metadata")
     args = parser.parse_args()
+    if args.golden and not args.weights:
+        parser.error("--golden needs --weights")
     if args.golden:
         golden(args)
     elif args.export:

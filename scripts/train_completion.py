@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
-from layers import Convolution, exported, restored, run, trained
-from safetensors.numpy import load_file, save_file
+from layers import Convolution, check_batch, exported, loaded, restored, run, trained
+from safetensors.numpy import save_file
 from torch import Tensor, nn
 
 SIDE, SLABS, OF_SLAB, OF_OBJECT = 24, 8, 6, 5
@@ -29,7 +29,7 @@ class Objects:
     """All objects of some folders of shards."""
 
     def __init__(self, folders: list[Path]):
-        shards = [load_file(path) for folder in folders for path in sorted(folder.glob("completion-*.safetensors"))]
+        shards = loaded("completion", folders)
         self.cells, self.objects, self.filled = (np.concatenate([shard[name] for shard in shards]) for name in ("cells", "objects", "filled"))
 
     def __len__(self) -> int:
@@ -88,6 +88,7 @@ def train(args: argparse.Namespace) -> None:
     objects = Objects(args.data)
     learned = np.arange(int(len(objects) * (1 - HELD_OUT)))
     held_out = np.arange(len(learned), len(objects))
+    check_batch(learned, args)
     network = CompletionNetwork()
 
     def loss_of(batch: np.ndarray, rng: np.random.Generator) -> Tensor:

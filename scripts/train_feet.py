@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
-from layers import Convolution, exported, restored, run, trained
-from safetensors.numpy import load_file, save_file
+from layers import Convolution, check_batch, exported, loaded, restored, run, trained
+from safetensors.numpy import save_file
 from torch import Tensor, nn
 
 SIDE, MEASURES = 56, 56
@@ -33,9 +33,7 @@ class Feet:
     """All objects of some folders of shards, and their levels."""
 
     def __init__(self, folders: list[Path]):
-        shards = [load_file(path) for folder in folders for path in sorted(folder.glob("feet-*.safetensors"))]
-        if not shards:
-            raise SystemExit(f"--data: no feet-*.safetensors in {', '.join(map(str, folders)) or 'no folder'}")
+        shards = loaded("feet", folders)
         first = np.cumsum([0] + [len(shard["shown"]) for shard in shards])
         joined = lambda name: np.concatenate([shard[name] for shard in shards])
         self.heights, self.depths, self.shown, self.rises, self.objects = (joined(name) for name in ("heights", "depths", "shown", "rises", "objects"))
@@ -108,6 +106,7 @@ def train(args: argparse.Namespace) -> None:
     feet = Feet(args.data)
     is_learned = feet.object_of < int(len(feet) * (1 - HELD_OUT))
     learned, held_out = np.where(is_learned)[0], np.where(~is_learned)[0]
+    check_batch(learned, args)
     network = FeetNetwork()
     usual = torch.cat([feet.batch(part)[1] for part in np.array_split(learned[:: max(len(learned) // 20000, 1)], 100)])
     network.mean.copy_(usual.mean(0))

@@ -86,13 +86,31 @@ pub fn distinct_or<T: Clone + PartialEq>(given: &[T], all: &[T]) -> Vec<T> {
 
 /// Refuses scenes beyond a split's last: there the next split begins.
 pub fn check_scenes(split: Split, first: u64, count: u64) -> CommandResult {
-    if split.holds(first, count) {
-        return Ok(());
+    SceneNumbers { split, before: 0, count_option: "scenes" }.check(first, count)
+}
+
+/// How a command numbers the scenes that it takes of a split.
+#[derive(Debug, Clone, Copy)]
+pub struct SceneNumbers {
+    /// The split.
+    pub split: Split,
+    /// So many of its scenes come before number 0.
+    pub before: u64,
+    /// The option that says how many scenes are asked for.
+    pub count_option: &'static str,
+}
+
+impl SceneNumbers {
+    /// Refuses scenes beyond the split's last.
+    pub fn check(self, first: u64, count: u64) -> CommandResult {
+        if self.split.holds(self.before.saturating_add(first), count) {
+            return Ok(());
+        }
+        // Not every command has both options: from the first scene on it is their number that is at fault.
+        let field = if first == 0 { self.count_option } else { "first" };
+        let (name, room) = (self.split.name(), self.split.scenes().saturating_sub(self.before));
+        Err(Failure::bad_input(field, format!("the split {name} has {room} scenes for this, too few for {count} from number {first} on")))
     }
-    let (name, scenes) = (split.name(), split.scenes());
-    // Not every command has both options: from the first scene on it is their number that is at fault.
-    let field = if first == 0 { "scenes" } else { "first" };
-    Err(Failure::bad_input(field, format!("the split {name} has {scenes} scenes, too few for {count} from number {first} on")))
 }
 
 /// The threads to use: as many as asked for, or one a core.
@@ -138,7 +156,22 @@ mod tests {
         let field = |first, count| check_scenes(Split::Validation, first, count).unwrap_err().error().and_then(|e| e.field.clone());
         assert_eq!(field(0, u64::MAX).as_deref(), Some("scenes"));
         assert_eq!(field(Split::Validation.scenes(), 1).as_deref(), Some("first"));
+        assert_eq!(field(u64::MAX, 1).as_deref(), Some("first"));
         assert!(check_scenes(Split::Validation, 0, Split::Validation.scenes()).is_ok());
+    }
+
+    #[test]
+    fn scenes_that_a_command_counts_from_within_the_split_are_told_of_by_its_own_numbers() {
+        let numbers = SceneNumbers { split: Split::Train, before: 950_000_000, count_option: "steps" };
+        let refused = |first, count| {
+            let error = numbers.check(first, count).unwrap_err().into_error();
+            (error.field.unwrap_or_default(), error.message)
+        };
+        let (field, message) = refused(0, 50_000_001);
+        assert!(field == "steps" && message.contains("has 50000000 scenes") && message.contains("number 0 on"), "{field}: {message}");
+        let (field, message) = refused(49_999_999, 2);
+        assert!(field == "first" && message.contains("number 49999999 on"), "{field}: {message}");
+        assert!(numbers.check(49_999_999, 1).is_ok());
     }
 
     #[test]

@@ -5,12 +5,12 @@
 use std::collections::BTreeSet;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use repose_proto::motion::{ExecuteProgress, ExecuteReply, MotionPhase, MotionPlan, RobotResetReply, RobotResetRequest};
 use repose_proto::robot::{RobotCommand, RobotMode, RobotState, StopState};
 use repose_proto::{CallError, ErrorCode, Payload, keys};
-use repose_runtime::{Publisher, RuntimeError, Session, Subscription, Traffic, read_robot_state};
+use repose_runtime::{Publisher, RuntimeError, Session, Subscription, Traffic, now_ns, read_robot_state};
 use tokio::time::MissedTickBehavior;
 
 use crate::config::MotionConfig;
@@ -258,8 +258,4 @@ impl RobotLink {
         let first = first.ok_or_else(|| CallError::new(ErrorCode::Unavailable, silent()).at("robot"))?;
         Ok((states, first))
     }
-}
-
-fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos() as u64)
 }

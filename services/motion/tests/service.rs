@@ -4,7 +4,7 @@ mod common;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use common::{NOW_NS, PHASES, Robot, plan, task};
@@ -20,17 +20,13 @@ use repose_proto::perception::SceneRequest;
 use repose_proto::robot::{RobotCommand, RobotMode, StopState};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, ErrorCode, Message, Payload, RigidTransform, Scene, SceneRef, Service};
-use repose_runtime::{Answer, Call, CallOptions, Caller, Handler, Session, Shutdown, Traffic};
+use repose_runtime::{Answer, Call, CallOptions, Caller, Handler, Session, Shutdown, Traffic, now_ns};
 use tokio::sync::{Notify, Semaphore, oneshot};
 use tokio::time::MissedTickBehavior;
 
 /// The synthetic table as perception would send it.
 fn scene() -> Scene {
     synthetic::wire_scene(now_ns())
-}
-
-fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64
 }
 
 /// Box 1 by 45 cm to the side.

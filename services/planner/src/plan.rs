@@ -16,10 +16,14 @@ use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult, Pla
 use repose_proto::{CallError, ErrorCode, RigidTransform, SceneRef};
 
 use crate::attitude::{Attitude, Taken, is_apart, planned};
+use crate::judge::constraints::Constraints;
+use crate::judge::problem::posed;
 use crate::learned::models::PlacementModels;
+use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::turned::{TurnedOver, turned_over, turns};
 use crate::search::stop::StopReason;
+use crate::settings::PlanSettings;
 
 pub use crate::attitude::{PlanReport, SearchStep};
 
@@ -66,6 +70,25 @@ pub fn plan_turned_with_report(
 ) -> Result<PlanReport, CallError> {
     let attitude = Attitude { prepared: &table.prepared, turned: Some(&table.turned), taken: None };
     reported(&attitude, &of_side(request, table), models, control)
+}
+
+/// Why a search would not answer with a place for the object as it lies: of the constraints that need no network, the first that fails once the object
+/// is let down there; none where all hold.
+///
+/// # Errors
+/// `not_found` on `query` or `goal[i].anchor`, `failed_precondition` for an object of which too little was seen.
+pub fn refusal(
+    prepared: &PreparedScene,
+    request: &PlaceRequest,
+    placed_from_observed: &Isometry3<f64>,
+) -> Result<Option<Rejection>, CallError> {
+    posed(prepared, request, &PlanSettings::of(request), |problem| {
+        let centroid = placed_from_observed * problem.query.shape.centroid;
+        let (_, _, yaw_rad) = placed_from_observed.rotation.euler_angles();
+        let candidate = CandidatePose { centroid_m: centroid.coords.cast().into(), yaw_rad: yaw_rad as f32 };
+        let let_down = problem.settled(&candidate, problem.ceiling_over(&candidate));
+        Constraints::new(problem).tried(let_down, 0).rejection
+    })
 }
 
 fn reported(

@@ -4,14 +4,14 @@
 //! them nothing moves, since it is that loop which hands set-points to the joints.
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 use repose_panda::Joints;
 use repose_proto::robot::{EmergencyStop, RobotCommand, RobotMode};
 use repose_proto::{CallError, Payload, RigidTransform};
 use repose_robot_side::{Arm, ArmSettings, GripperState, StateDetails, TICK_S, state_of};
-use repose_runtime::{CancellationToken, Session, Traffic};
+use repose_runtime::{CancellationToken, Session, Traffic, now_ns};
 use tokio::sync::{mpsc, watch};
 
 use crate::connection::Connection;
@@ -201,7 +201,7 @@ impl Running {
         self.states_made += 1;
         let shown = StateDetails {
             seq: self.states_made,
-            stamp_ns: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64),
+            stamp_ns: now_ns(),
             robot_ms: self.ticks as f64 * TICK_S * 1e3,
             gripper,
             world_from_base: self.world_from_base,

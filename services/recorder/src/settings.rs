@@ -18,7 +18,7 @@ pub struct RecordSettings {
     pub chunk_period: Duration,
     /// Least time between two pictures of a camera (200 ms); those between are left out.
     pub frame_period: Duration,
-    /// Least time between two whole scenes of a camera (1 s). Scenes that somebody asks about are recorded whatever it is.
+    /// Least time between two whole scenes of a camera (2 s). Scenes that somebody asks about are recorded whatever it is.
     pub scene_period: Duration,
     /// Whether Foxglove's messages are written beside those of the wire.
     pub looks: bool,

@@ -20,7 +20,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use repose_ros_messages::DiagnosticArray;
-use repose_runtime::{RuntimeError, Session, Shutdown};
+use repose_runtime::{RuntimeError, Session, Shutdown, now_ns};
 use tokio::sync::watch;
 use tokio::task::{JoinError, JoinSet};
 
@@ -28,7 +28,7 @@ pub use config::{CameraConfig, RobotConfig, Ros2Config};
 pub use error::BridgeError;
 
 use config::is_packed;
-use node::{Graph, Node, mismatch, now_ns};
+use node::{Graph, Node, mismatch};
 use report::Reports;
 use tree::{Tree, TreeSource};
 use wire::names::Qos;

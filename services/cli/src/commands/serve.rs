@@ -32,7 +32,7 @@ pub fn with_own_help(serve: clap::Command) -> clap::Command {
     let connect = "The router to connect to; of several, separated by commas, the first that answers is used. `serve router` listens there \
                    instead. Default: the configuration's, or tcp/127.0.0.1:7447";
     let config = "Configuration (TOML): its sections [session], [caller], [worker] and [telemetry], and the service's own, such as [planner]; \
-                  deploy/repose.toml says every setting";
+                  deploy/repose.toml says every setting, but those of [ros2]";
     serve.mut_arg("connect", |arg| arg.help(connect)).mut_arg("config", |arg| arg.help(config))
 }
 

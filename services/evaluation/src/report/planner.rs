@@ -131,7 +131,7 @@ pub fn text_of(tables: &[SetTable]) -> String {
 }
 
 /// The columns, in the order of the tables.
-const LEGEND: [(&str, &str); 16] = [
+const LEGEND: [(&str, &str); 17] = [
     ("predicates, realistic, successful", "the networks' word on each variant's cheapest candidate: p > 0.5, f > 0.5, both"),
     (
         "stable",
@@ -167,6 +167,11 @@ const LEGEND: [(&str, &str); 16] = [
     ),
     ("none right", "of the scenes answered with none, those without an answer"),
     ("none found", "of the scenes without an answer, those answered with none"),
+    (
+        "missed by",
+        "of the scenes answered with none in which the search with the truth finds an answer: what the planner refuses the object by (tips, unsettles), or \
+               else its best true answer, on what it believes; unsure where that passes all that needs no network",
+    ),
     ("two supports, two good", "of the scenes with answers on two supports: the answers stand on two; on both of them one succeeds"),
     ("against …", "difference of the joint rates in points [interval], scenes where only this one : only the other succeeds, McNemar's p"),
     ("script", "boxes, planes and random draws (services/evaluation/src/scenes/script.rs)"),
@@ -232,7 +237,7 @@ fn sureness(part: &SceneGroup) -> Table {
 }
 
 fn comparisons(part: &SceneGroup) -> Table {
-    let mut table = table(["variant", "against geometric", "against the script", "two supports", "two good"]);
+    let mut table = table(["variant", "against geometric", "against the script", "two supports", "two good", "missed by"]);
     for row in &part.rows {
         table.add_row(vec![
             row.variant.to_string(),
@@ -240,6 +245,11 @@ fn comparisons(part: &SceneGroup) -> Table {
             against(row.against_script),
             row.two_supports.short(),
             row.two_good_supports.short(),
+            row.missed_by
+                .iter()
+                .map(|(reason, count)| format!("{} {count}", json!(reason).as_str().unwrap_or_default()))
+                .collect::<Vec<_>>()
+                .join(", "),
         ]);
     }
     table

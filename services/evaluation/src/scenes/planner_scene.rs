@@ -13,6 +13,7 @@ use repose_dataset::Split;
 use repose_geometry::transform::from_row_major;
 use repose_inference::Engine;
 use repose_planner::judge::judged::JudgedCandidate;
+use repose_planner::plan::refusal;
 use repose_planner::{Forecasts, PlacementModels, PlanReport, PreparedScene, plan, plan_with_report};
 use repose_proto::place::{Outcome, Placement, Rejection, Rotation, Variant};
 use repose_proto::scoring::{RealismBy, ScoreRequest};
@@ -235,6 +236,10 @@ pub struct SceneRecord {
     /// Whether that search finds one that stands with its whole base: nothing else may be set over an edge on purpose.
     #[serde(default)]
     pub whole_based: bool,
+    /// Why the planner would refuse the answers of that search, by what it believes and before any network is asked: the first constraint that fails, none
+    /// where all hold.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub true_refusals: Vec<Option<Rejection>>,
     /// What the bar to clear makes of it.
     pub script: ScriptTrial,
     /// One a variant.
@@ -296,6 +301,12 @@ pub fn try_scene(
         trials.push(trial);
         results.push(result);
     }
+    let request = PlaceRequest::new(prepared.scene_id.clone(), problem.query, vec![problem.goal]);
+    let true_refusals = match answers.iter().map(|answer| refusal(&prepared, &request, &answer.placed_from_observed)).collect() {
+        // Perception has not found the object, or saw too little of it.
+        Err(CallError { code: ErrorCode::FailedPrecondition | ErrorCode::NotFound, .. }) => Vec::new(),
+        refusals => refusals?,
+    };
     let record = SceneRecord {
         set: set.name.clone(),
         slot,
@@ -305,6 +316,7 @@ pub fn try_scene(
         goal: problem.goal,
         true_supports: answers.len(),
         whole_based: truth.has_whole_based(&answers, &settings.truth, &settings.release),
+        true_refusals,
         script: ScriptTrial::of(&seen, &settings.release),
         trials,
     };

@@ -12,7 +12,7 @@ use repose_dataset::Split;
 use repose_inference::Engine;
 use repose_networks::serving::spread;
 use repose_proto::CallError;
-use repose_proto::place::Variant;
+use repose_proto::place::{Rejection, Variant};
 use repose_simulator::scene::SceneKind;
 use serde::Serialize;
 
@@ -164,6 +164,8 @@ pub struct PlannerRow {
     pub none_precision: Rate,
     /// Of the scenes without an answer, those answered with "none".
     pub none_recall: Rate,
+    /// Of the scenes answered with "none" in which the search with the truth finds an answer: what the planner refuses that by ([`missed_by`]).
+    pub missed_by: BTreeMap<Rejection, usize>,
     /// The joint rate against `geometric`'s on the same scenes.
     pub against_geometric: Option<Paired>,
     /// The joint rate against the script's ([`crate::scenes::script`]) on the same scenes.
@@ -238,7 +240,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
     let mut joint_of_whole_based = rate;
     let (mut two_supports, mut two_good_supports) = (rate, rate);
     let (mut times, mut pairs, mut script_pairs) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut faults, mut forecasts) = (BTreeMap::new(), Vec::new());
+    let (mut faults, mut missed, mut forecasts) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
     for record in records {
         let Some(trial) = record.trial(variant) else { continue };
         let is_none = trial.release.is_none();
@@ -259,6 +261,9 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         }
         if is_none {
             none_precision.count(!record.answerable());
+            if let Some(reason) = missed_by(record, trial) {
+                *missed.entry(reason).or_default() += 1;
+            }
         } else {
             right_when_returned.count(trial.joint());
         }
@@ -286,12 +291,22 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         curve: curve_of(&forecasts),
         none_precision,
         none_recall,
+        missed_by: missed,
         against_geometric: if variant == Variant::Geometric { None } else { Paired::of(&pairs) },
         against_script: Paired::of(&script_pairs),
         two_supports,
         two_good_supports,
         times_ms: [time(0.5), time(0.95)],
     }
+}
+
+/// Why a trial ended with "none" though the search with the truth found answers: what speaks against the object itself, or else the constraint that the one
+/// of those answers fails that comes furthest; [`Rejection::Unsure`] where one passes them all, so that the search or a forecast lost it. None where
+/// there is no such answer, or the request was refused.
+fn missed_by(record: &SceneRecord, trial: &VariantTrial) -> Option<Rejection> {
+    let of_object = [Rejection::Tips, Rejection::Unsettles].into_iter().find(|reason| trial.rejections.contains_key(reason));
+    let furthest = record.true_refusals.iter().map(|refusal| refusal.unwrap_or(Rejection::Unsure)).max()?;
+    trial.refused.is_none().then(|| of_object.unwrap_or(furthest))
 }
 
 #[cfg(test)]
@@ -343,6 +358,7 @@ mod tests {
             goal,
             true_supports,
             whole_based: true_supports > 1,
+            true_refusals: vec![Some(Rejection::Unsupported); true_supports],
             script: ScriptTrial { release: None },
             trials,
         }
@@ -389,6 +405,30 @@ mod tests {
         let tables = planner_tables(&records, &[Variant::Best]);
         let [best] = &tables[0].all.rows[..] else { panic!("one row") };
         assert_eq!((best.returned, best.times_ms), (Rate { of: 1, n: 3 }, [10.0, 10.0]));
+    }
+
+    #[test]
+    fn what_is_missed_counts_by_the_true_answer_that_comes_furthest_and_by_what_speaks_against_the_object_first() {
+        let none = |rejection: Option<Rejection>| VariantTrial {
+            rejections: rejection.into_iter().map(|reason| (reason, 200)).collect(),
+            ..trial(Variant::Best, None, [0.0; 3])
+        };
+        let scene = |refusals: &[Option<Rejection>], trial: VariantTrial| SceneRecord {
+            true_refusals: refusals.to_vec(),
+            ..record(0, SceneKind::Shelf, refusals.len(), vec![trial])
+        };
+        let (unseen, unsupported) = (Some(Rejection::OutOfView), Some(Rejection::Unsupported));
+        let refused = VariantTrial { refused: Some("it carries another".to_owned()), ..none(None) };
+        let records = [
+            scene(&[unsupported, unseen], none(None)),
+            scene(&[unseen, None], none(Some(Rejection::Collision))),
+            scene(&[unsupported], none(Some(Rejection::Tips))),
+            scene(&[], none(None)),
+            scene(&[unseen], trial(Variant::Best, Some(true), [0.0; 3])),
+            scene(&[unseen], refused),
+        ];
+        let row = row(Variant::Best, &records.each_ref());
+        assert_eq!(row.missed_by, BTreeMap::from([(Rejection::Tips, 1), (Rejection::Unsupported, 1), (Rejection::Unsure, 1)]));
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! One request on one scene: what every step of a search reads and none changes.
 
 use nalgebra::{Point3, Vector2};
-use repose_proto::Relation;
+use repose_geometry::ViewerFrame;
 use repose_proto::place::PlaceRequest;
+use repose_proto::{CallError, Relation};
 
 use crate::checks::footing::Ground;
 use crate::checks::prisms::PlacedPrisms;
@@ -28,6 +29,22 @@ pub struct PlacementProblem<'a> {
     pub request: &'a PlaceRequest,
     /// The request's settings.
     pub settings: &'a PlanSettings,
+}
+
+/// Has work done on the problem that a request poses on a scene, with the object as it lies.
+///
+/// # Errors
+/// `not_found` on `query` or `goal[i].anchor`, `failed_precondition` for an object of which too little was seen.
+pub fn posed<T>(
+    prepared: &PreparedScene,
+    request: &PlaceRequest,
+    settings: &PlanSettings,
+    work: impl FnOnce(PlacementProblem<'_>) -> T,
+) -> Result<T, CallError> {
+    let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
+    let query = prepared.query(request.query, settings.min_clearance_m, &settings.fixed)?;
+    let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules)?;
+    Ok(work(PlacementProblem { prepared, turned: None, query: &query, rules: &rules, request, settings }))
 }
 
 impl<'a> PlacementProblem<'a> {

@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use nalgebra::{Isometry3, Translation3};
 use repose_geometry::transform;
 use repose_proto::place::{
     Outcome, PlaceRequest, PlaceResult, ReachingRobot, RegionBox, Rejection, Rotation, Shortfall, ShortfallReason, Variant,
@@ -11,7 +12,7 @@ use repose_proto::{ErrorCode, GoalTerm, RigidTransform};
 use crate::checks::clearance::Clearance;
 use crate::judge::constraints::Constraints;
 use crate::learned::models::NoModels;
-use crate::plan::{SearchStep, plan};
+use crate::plan::{SearchStep, plan, refusal};
 use crate::scene::moved::table_after;
 use crate::scene::prepared::PreparedScene;
 use crate::search::stop::StopReason;
@@ -136,6 +137,22 @@ fn a_turn_aligns_the_query_with_its_anchor() {
     let result = run(&prepared, &aligned);
     assert_eq!(result.outcome, Outcome::Found, "{:?}", result.rejections);
     assert!(result.placements[0].geometric[1].holds);
+}
+
+#[test]
+fn a_place_is_refused_by_what_a_search_refuses_it_by_and_an_answer_is_not() {
+    let prepared = table().prepared();
+    let mut wanted = request(&prepared, 2, &["right_of:1"]);
+    (wanted.count, wanted.rotation) = (4, Rotation::Yaw);
+    let result = run(&prepared, &wanted);
+    assert!(result.placements.len() > 1, "{:?}", result.rejections);
+    let why = |placed: &Isometry3<f64>| refusal(&prepared, &wanted, placed).unwrap();
+    for placement in &result.placements {
+        let placed = transform::from_row_major(&placement.placed_from_observed.0).unwrap();
+        assert_eq!(why(&placed), None);
+        assert_eq!(why(&(Translation3::new(0.0, 5.0, 0.0) * placed)), Some(Rejection::OutOfView));
+    }
+    assert_eq!(why(&Isometry3::identity()), Some(Rejection::Goal), "where it stands it is not there yet");
 }
 
 #[test]

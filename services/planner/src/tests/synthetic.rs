@@ -2,11 +2,9 @@
 
 use std::sync::Arc;
 
-use repose_geometry::ViewerFrame;
 use repose_proto::place::PlaceRequest;
 
-use crate::checks::rules::Rules;
-use crate::judge::problem::PlacementProblem;
+use crate::judge::problem::{self, PlacementProblem};
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::QueryObject;
@@ -39,8 +37,5 @@ pub fn posed<T>(
     settings: &PlanSettings,
     work: impl FnOnce(PlacementProblem<'_>) -> T,
 ) -> T {
-    let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
-    let query = prepared.query(request.query, settings.min_clearance_m, &settings.fixed).unwrap();
-    let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules).unwrap();
-    work(PlacementProblem { prepared, turned: None, query: &query, rules: &rules, request, settings })
+    problem::posed(prepared, request, settings, work).unwrap()
 }

@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use repose_proto::{Frame, Payload};
-use repose_runtime::{Publisher, Session, Traffic};
+use repose_runtime::{Publisher, Session, Traffic, now_ns};
 
 use super::stream::{CameraStream, Made, Now};
 use super::topics::{Event, SILENCE, Topics};
 use crate::config::{CameraConfig, Ros2Config};
 use crate::error::BridgeError;
-use crate::node::{Node, now_ns};
+use crate::node::Node;
 use crate::report::Reports;
 use crate::tree::Tree;
 

@@ -3,11 +3,11 @@
 use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use repose_ros_messages::{decode, encode};
 use repose_runtime::raw::{Arrived, QueryRecipients, RawMessage, RawSession, RawSubscription, Room};
-use repose_runtime::{Guard, SessionConfig};
+use repose_runtime::{Guard, SessionConfig, now_ns};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
@@ -226,9 +226,4 @@ impl<T: DeserializeOwned> RosSubscription<T> {
     pub fn dropped(&self) -> u64 {
         self.messages.dropped()
     }
-}
-
-/// Nanoseconds since the Unix epoch.
-pub fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }

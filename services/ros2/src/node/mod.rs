@@ -6,6 +6,6 @@ mod graph;
 mod service;
 
 pub use action::{ALL_GOALS, ActionClient, ActionTypes, Canceled, GoalHandle, Heard};
-pub use endpoints::{Node, RosPublisher, RosSubscription, now_ns};
+pub use endpoints::{Node, RosPublisher, RosSubscription};
 pub use graph::{Graph, mismatch};
 pub use service::{RosClient, RosRequest, RosServer};

@@ -5,11 +5,12 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use repose_ros_messages::{decode, encode};
+use repose_runtime::now_ns;
 use repose_runtime::raw::{QueryRecipients, RawMessage, RawQueries, RawQuery, RawSession};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::endpoints::{Declared, Node, now_ns};
+use super::endpoints::{Declared, Node};
 use crate::error::BridgeError;
 use crate::wire::attachment::Attachment;
 use crate::wire::names::Qos;

@@ -11,7 +11,7 @@ use repose_ros_messages::{
     FollowJointTrajectoryFeedback, FollowJointTrajectoryGoal, FollowJointTrajectoryResult, GripperCommandGoal, GripperCommandResult,
     JointState,
 };
-use repose_runtime::{Sample, Session, Shutdown, Subscription, Traffic, refuse_a_second_driver};
+use repose_runtime::{Sample, Session, Shutdown, Subscription, Traffic, now_ns, refuse_a_second_driver};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio::time::{Interval, MissedTickBehavior};
@@ -22,7 +22,7 @@ use super::side::RosSide;
 use super::unended::OTHERS;
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
-use crate::node::{ALL_GOALS, ActionClient, ActionTypes, Canceled, GoalHandle, Heard, Node, RosSubscription, now_ns};
+use crate::node::{ALL_GOALS, ActionClient, ActionTypes, Canceled, GoalHandle, Heard, Node, RosSubscription};
 use crate::report::Reports;
 use crate::tree::Tree;
 use crate::wire::names::Qos;

@@ -153,6 +153,11 @@ impl Foot {
         &OWN
     }
 
+    /// The data that it was fitted on.
+    pub fn fitted_on(&self) -> &FootFitData {
+        &self.fitted_on
+    }
+
     /// From trees for the logarithm of the odds, on [`MEASURES`].
     ///
     /// # Errors

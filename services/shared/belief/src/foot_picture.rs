@@ -14,7 +14,7 @@ use crate::boosted_trees::probability_of;
 use crate::foot::{Chosen, Foot, Level};
 use crate::view::ObservedView;
 
-/// Objects one of whose levels the trees find likelier than this are not looked at: of these 99 in 100 are right.
+/// Objects one of whose levels the trees find this likely or more are not looked at: of these 99 in 100 are right.
 const SURE: f64 = 0.975;
 /// How far the picture goes, as a share of how far the object's longer side goes in it, to each side of its middle.
 const AROUND: f64 = 0.8;
@@ -118,7 +118,8 @@ fn shown(view: &ObservedView) -> BTreeMap<u16, InPicture> {
 }
 
 impl InPicture {
-    /// The picture around it; none where it is seen from right below or above, so that nothing falls in the picture.
+    /// The picture around it; none where nothing falls in the picture, at the vanishing point of a rolled camera, and where the focal length is so short that
+    /// no line of sight can be told from it.
     fn picture(&self, id: u16, view: &ObservedView, rule_m: f32) -> Option<FootPicture> {
         let camera = view.camera();
         let middle_m = {
@@ -139,11 +140,12 @@ impl InPicture {
             let on = at(row as f64, (SIDE / 2) as f64);
             view.rise(on.x, on.y) as f32
         };
-        Some(FootPicture {
+        let (rises, pixel_m): ([f32; SIDE], f32) = (std::array::from_fn(rise), (step * f64::from(middle_m) / camera.fx) as f32);
+        rises.iter().chain([&pixel_m]).all(|length| length.is_finite()).then(|| FootPicture {
             pixels: (0..SIDE * SIDE).map(pixel).collect(),
-            rises: std::array::from_fn(rise),
+            rises,
             depth_m: middle_m,
-            pixel_m: (step * f64::from(middle_m) / camera.fx) as f32,
+            pixel_m,
             eye_m: view.eye().z,
             rule_m,
         })
@@ -172,10 +174,42 @@ fn shown_at(place: Point2<f64>, id: u16, view: &ObservedView) -> ShownPixel {
 mod tests {
     use nalgebra::{Isometry3, Vector3};
     use repose_made_scenes::{SceneBuilder, world_from_camera};
+    use repose_proto::CameraModel;
 
     use super::*;
     use crate::BeliefSettings;
     use crate::foot::MEASURES;
+
+    /// A block with id 1 on a table.
+    fn view(roll_rad: f64) -> ObservedView {
+        let scene = SceneBuilder::table().object(1, [0.02, 0.05], [0.08, 0.08, 0.1]).scene();
+        let pose = world_from_camera() * Isometry3::rotation(Vector3::z() * roll_rad);
+        ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &pose, BeliefSettings::default().view_columns)
+    }
+
+    #[test]
+    fn what_the_trees_doubt_is_what_the_network_says_and_what_the_picture_does_not_show_is_what_the_trees_say() {
+        let (view, heights_m) = (view(0.0), [0.0, 0.04]);
+        // Measures of no level in particular: of such the trees are not sure.
+        let level = |height_m| Level { height_m, measures: vec![0.1; MEASURES.len()] };
+        let levels = BTreeMap::from([(1, heights_m.map(level).to_vec()), (2, heights_m.map(level).to_vec())]);
+        let doubtful = doubtful(&view, levels.clone());
+        assert_eq!(doubtful.keys().collect::<Vec<_>>(), [&1], "of 2 the picture has nothing");
+        let by_trees = levels[&2].iter().map(|level| probability_of(Foot::own().log_odds(level))).collect::<Vec<_>>();
+        let by_network = doubtful[&1].looked_at();
+        assert!(by_trees.iter().all(|probability| *probability < SURE));
+        assert!(by_network.iter().zip(&by_trees).all(|(network, trees)| (network - trees).abs() > 1e-3), "{by_network:?}, {by_trees:?}");
+        let chosen = |said: &[f64]| Foot::chosen(heights_m.into_iter().zip(said.iter().copied())).unwrap();
+        assert_eq!(choices(&view, levels), BTreeMap::from([(1, chosen(&by_network)), (2, chosen(&by_trees))]));
+    }
+
+    #[test]
+    fn a_line_of_sight_that_no_number_tells_gives_no_picture() {
+        let (scene, pose) = (SceneBuilder::table().object(1, [0.02, 0.05], [0.08, 0.08, 0.1]).scene(), world_from_camera());
+        let camera = CameraModel { fx: f64::MIN_POSITIVE, fy: f64::MIN_POSITIVE, ..scene.meta.camera };
+        let short = ObservedView::new(&scene.points, &scene.labels, &camera, &pose, BeliefSettings::default().view_columns);
+        assert_eq!(shown(&view(0.0))[&1].picture(1, &short, 0.0), None);
+    }
 
     #[test]
     fn the_network_reads_as_many_measures_as_the_trees() {
@@ -183,10 +217,7 @@ mod tests {
     }
 
     fn picture(roll_rad: f64) -> FootPicture {
-        let scene = SceneBuilder::table().object(1, [0.02, 0.05], [0.08, 0.08, 0.1]).scene();
-        let pose = world_from_camera() * Isometry3::rotation(Vector3::z() * roll_rad);
-        let columns = BeliefSettings::default().view_columns;
-        let view = ObservedView::new(&scene.points, &scene.labels, &scene.meta.camera, &pose, columns);
+        let view = view(roll_rad);
         shown(&view)[&1].picture(1, &view, 0.0).unwrap()
     }
 

@@ -30,7 +30,7 @@ fn together(parts_hash: &str, weights_hash: &str) -> String {
     digest([("beliefs", parts_hash.as_bytes()), ("weights", weights_hash.as_bytes())])
 }
 
-/// The kernel on which this process completes shapes.
+/// The kernel on which this process completes shapes and looks at feet.
 pub fn kernel_id() -> &'static str {
     network().kernel_id()
 }

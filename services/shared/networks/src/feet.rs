@@ -49,20 +49,20 @@ const USUAL_EYE_M: f32 = 0.7;
 /// The trees' log-odds are told as a share of this.
 const LOG_ODDS: f32 = 4.0;
 
-/// What a pixel shows.
+/// What a pixel shows, by the number that it has in what the network is trained on.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Shown {
     /// It has no reading.
     #[default]
-    Nothing,
+    Nothing = 0,
     /// The object.
-    Own,
+    Own = 1,
     /// Another object.
-    Other,
+    Other = 2,
     /// Furniture.
-    Furniture,
+    Furniture = 3,
     /// It is beyond the picture's edge.
-    Beyond,
+    Beyond = 4,
 }
 
 /// A pixel of the picture around an object; 0 without a reading.

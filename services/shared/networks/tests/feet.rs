@@ -52,9 +52,11 @@ fn how_likely_a_level_is_is_what_pytorch_says() {
 }
 
 #[test]
-fn the_same_picture_gives_the_same_bits_again() {
+fn the_same_picture_gives_the_same_bits_on_any_number_of_threads() {
     let network = FeetNetwork::embedded().unwrap();
-    assert_eq!(log_odds(&network).map(f32::to_bits), log_odds(&network).map(f32::to_bits));
+    let on =
+        |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| log_odds(&network).map(f32::to_bits));
+    assert_eq!(on(1), on(3));
 }
 
 #[test]

@@ -27,8 +27,8 @@ use repose_simulator::statistics::Statistics;
 use repose_simulator::trials::ReleaseTrialSettings;
 use repose_simulator::views::view_of_scene;
 
-use self::completion::write_completion;
-use self::feet::write_feet;
+use self::completion::{plan_completion, write_completion};
+use self::feet::{plan_feet, write_feet};
 use self::frames::write_frames;
 use self::proposals::write_proposals;
 use crate::embedded::engine;
@@ -60,11 +60,12 @@ pub struct GenerateArgs {
     #[arg(long, value_name = "DIR", group = "product")]
     pub frames: Option<PathBuf>,
     /// A folder for shards that the network which completes the shapes of half-seen objects is trained on, by scripts/train_completion.py: three views
-    /// of each of `--scenes` scenes of all kinds. Existing shards are kept.
+    /// of each of `--scenes` scenes of all kinds. Existing shards are kept; if they were made with other trees and networks, the folder is refused.
     #[arg(long, value_name = "DIR", group = "product", conflicts_with_all = ["split", "kind", "objects", "views"])]
     pub completion: Option<PathBuf>,
     /// A folder for shards that the network which looks at feet is trained on, by scripts/train_feet.py: two views of each of `--scenes` scenes of all
-    /// kinds, those of `train --network foot`. Take some that it has not learned, by `--first`. Existing shards are kept.
+    /// kinds, those of `train --network foot`. Take some that it has not learned, by `--first`. Existing shards are kept; if they were made with other
+    /// trees and networks, the folder is refused.
     #[arg(long, value_name = "DIR", group = "product", conflicts_with_all = ["split", "kind", "objects", "views"])]
     pub feet: Option<PathBuf>,
     /// A JSON file for statistics of the scenes: prevalence of relations, histograms of gaps and centre offsets, objects, kinds of scenes,
@@ -151,6 +152,8 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
     settings.threads = threads(args.threads);
     settings.trials = (args.releases > 0).then(|| ReleaseTrialSettings { per_scene: args.releases, ..ReleaseTrialSettings::default() });
     // What cannot be read or written is said before the scenes are made.
+    let completion = args.completion.as_deref().map(|folder| plan_completion(folder, args.first, args.scenes)).transpose()?;
+    let feet = args.feet.as_deref().map(|folder| plan_feet(folder, args.first, args.scenes)).transpose()?;
     let proposing = (args.proposals > 0).then(|| engine(args.weights.clone())).transpose()?;
     args.statistics.as_deref().map_or(Ok(()), can_write)?;
     let mut report = Report::default();
@@ -164,14 +167,14 @@ pub fn run(args: &GenerateArgs, output: Output) -> CommandResult {
         report.text.push(format!("{frames} frames in {}", folder.display()));
         report.add("frames", frames);
     }
-    if let Some(folder) = &args.completion {
-        let objects = on_threads(settings.threads, || write_completion(folder, args.first, args.scenes))??;
-        report.text.push(format!("{objects} objects, each from one view, added in {}", folder.display()));
+    if let Some(plan) = &completion {
+        let objects = on_threads(settings.threads, || write_completion(plan))??;
+        report.text.push(format!("{objects} objects, each from one view, added in {}", plan.folder.display()));
         report.add("objects", objects);
     }
-    if let Some(folder) = &args.feet {
-        let objects = on_threads(settings.threads, || write_feet(folder, args.first, args.scenes))??;
-        report.text.push(format!("{objects} objects whose foot is in doubt, each from one view, added in {}", folder.display()));
+    if let Some(plan) = &feet {
+        let objects = on_threads(settings.threads, || write_feet(plan))??;
+        report.text.push(format!("{objects} objects whose foot is in doubt, each from one view, added in {}", plan.folder.display()));
         report.add("doubtful_feet", objects);
     }
     let statistics = match &args.out {
@@ -378,6 +381,22 @@ mod tests {
             let refused = run(&parsed(&arguments).expect("arguments"), Output { json: false }).expect_err("there are no such scenes");
             assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("first")));
         }
+    }
+
+    #[test]
+    fn scenes_that_one_of_two_networks_lacks_are_refused_before_any_is_made_for_the_other() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [completion, feet] = ["completion", "feet"].map(|name| folder.path().join(name).display().to_string());
+        let refused = |scenes: &[&str]| {
+            let arguments = [["--completion", &completion, "--feet", &feet].as_slice(), scenes].concat();
+            let refused = run(&parsed(&arguments).expect("arguments"), Output { json: false }).expect_err("there are fewer for feet");
+            assert_eq!(refused.exit_code(), 2);
+            let made = [&completion, &feet].iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().count();
+            assert_eq!(made, 0);
+            refused.into_error().field
+        };
+        assert_eq!(refused(&["--first", "49999999", "--scenes", "2"]).as_deref(), Some("first"));
+        assert_eq!(refused(&["--scenes", "50000001"]).as_deref(), Some("scenes"));
     }
 
     #[test]

@@ -4,8 +4,9 @@
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::process::Stdio;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
+use repose_runtime::now_ns;
 use serde::{Deserialize, Serialize};
 use tokio::process::Command;
 
@@ -97,10 +98,6 @@ struct Told {
     elapsed_s: f64,
     /// Whether it was ready when all were to begin.
     in_time: bool,
-}
-
-fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
 }
 
 /// Asks one part, and tells what became of it on standard output.

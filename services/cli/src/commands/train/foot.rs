@@ -20,7 +20,8 @@ type Said = (bool, bool, f64);
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     args.refuse_start()?;
-    let made_with = of_beliefs(&[FOOT]);
+    // The network that looks at feet corrects the trees, and no level is measured by it.
+    let made_with = of_beliefs(&[FOOT, "feet"]);
     let tried = args.scenes_in("feet.jsonl", FIRST_SEED, &made_with);
     let scenes: Vec<SceneFeet> = tried.tried(|index| Ok(SceneFeet::of(index)))?.into_values().collect();
     let fit = |learned: &[&SceneFeet]| {

@@ -4,7 +4,7 @@ mod back;
 mod bearing;
 mod cut;
 mod foot;
-mod made_with;
+pub mod made_with;
 mod stability;
 mod standing;
 mod success;

@@ -57,7 +57,7 @@ pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
         let area = |area: Option<f64>| area.map_or_else(|| "undefined".to_owned(), |a| format!("{a:.3}"));
         format!(
             "{}: fitted on {releases} releases of {} scenes\narea under the curve on scenes held out from this fit: {} (the outcome network alone: {}); \
-             both are too high where the outcome network was trained on these scenes",
+             if the outcome network was trained on these scenes, both are too high",
             args.out.display(),
             scenes.len(),
             area(with_geometry),

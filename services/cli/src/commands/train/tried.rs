@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::failure::Failure;
 use crate::progress::Progress;
-use crate::values::check_scenes;
+use crate::values::SceneNumbers;
 
 /// The measures and results of one scene, from which a forecast is fitted.
 pub trait MeasuredScene: Serialize + DeserializeOwned + Send {
@@ -106,7 +106,7 @@ impl TriedScenes<'_> {
     /// All scenes by seed: those in the file, and those that are tried now, by their index.
     pub fn tried<S: MeasuredScene>(&self, of: impl Fn(u64) -> Result<S, CallError> + Sync) -> Result<BTreeMap<u64, S>, Failure> {
         // Beyond the last training scene are those of validation, by which what was learned is judged.
-        check_scenes(Split::Train, self.first_seed.saturating_add(self.first), self.count)?;
+        SceneNumbers { split: Split::Train, before: self.first_seed, count_option: "steps" }.check(self.first, self.count)?;
         let path = self.data.join(self.file);
         let bad = |e: &dyn Display| Failure::bad_input("data", format!("{}: {e}", path.display()));
         std::fs::create_dir_all(self.data).map_err(|e| bad(&e))?;
@@ -236,5 +236,14 @@ mod tests {
         std::fs::write(folder.path().join("answers.jsonl"), "{\"seed\":7,\"measures\":[]}\n").expect("written by an earlier release");
         let (code, message) = tried("old", 3).expect_err("nobody knows which trees");
         assert!(code == 2 && message.contains("does not say") && message.contains("--data"), "{message}");
+    }
+
+    #[test]
+    fn more_scenes_than_there_are_to_learn_from_are_too_many_steps() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (data, first_seed) = (folder.path(), Split::Train.scenes() - 3);
+        let tried = TriedScenes { data, file: "answers.jsonl", first_seed, first: 0, count: 4, threads: 1, made_with: "own" };
+        let refused = tried.tried(|index| Ok(Answers { seed: first_seed + index })).map(|_| ()).expect_err("there are three");
+        assert_eq!((refused.exit_code(), refused.into_error().field.as_deref()), (2, Some("steps")));
     }
 }
