@@ -254,6 +254,24 @@ fn a_task_is_not_closed_where_the_hand_does_not_get_through_with_letting_go() {
 }
 
 #[test]
+fn a_task_is_not_closed_on_the_way_where_the_hand_does_not_say_whether_it_holds_the_object() {
+    let mut robot = Robot::new();
+    let mut is_carrying = false;
+    let (phases, done) = run(&mut robot, |robot, execution, now_ms| {
+        let begins = robot.state.gripper_holding && robot.state.mode == RobotMode::Moving;
+        is_carrying |= begins;
+        if is_carrying {
+            // Fingers that press and tremble: neither settled nor, for the robot's side, holding.
+            (robot.state.gripper_settled, robot.state.gripper_holding) = (false, false);
+        }
+        if begins { execution.cancel("cancelled", now_ms) } else { Vec::new() }
+    });
+    assert!(phases.last().is_some_and(|phase| phase.is_carrying()), "{phases:?}");
+    assert_eq!((outcome(&done).0, outcome(&done).2.as_str()), (ExecutionOutcome::Stopped, "cancelled"), "{done:?}");
+    assert!(robot.state.open_task().is_some(), "the robot's side latches a stop then: the object may be in the hand");
+}
+
+#[test]
 fn an_object_lost_on_the_way_is_noticed_at_the_end_of_the_phase() {
     let mut robot = Robot::new();
     let (phases, done) = run(&mut robot, |robot, _, _| {

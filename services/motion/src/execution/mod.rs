@@ -443,10 +443,12 @@ impl Execution {
         RobotCommand { set_points, starts_stream, ends_stream, ..self.command() }
     }
 
-    /// Ends at a robot that stands and listens: closes the task, and is over when the robot shows that.
+    /// Ends at a robot that stands and listens: closes the task, and is over when the robot shows that. A task that was to end later stays open, which
+    /// latches a stop, on the way with an object where the fingers have not settled: they may hold it though the robot's side does not say so.
     fn end(&mut self, outcome: ExecutionOutcome, reason: Option<String>, now_ms: u64) -> Vec<ExecutionAction> {
         let reply = self.reply(outcome, reason);
-        if !self.knows_tasks {
+        let may_hold = self.current().name.is_carrying() && !self.last_state.gripper_settled && !self.last_state.gripper_holding;
+        if !self.knows_tasks || (may_hold && outcome == ExecutionOutcome::Stopped) {
             return self.done(reply);
         }
         let command = self.closing();

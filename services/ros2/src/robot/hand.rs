@@ -10,6 +10,8 @@ use super::unended::CANCEL_EVERY_MS;
 const LOST_M: f64 = 0.004;
 /// Fingers that stand further apart than they were told, by more than this, stand against something, metres.
 const BETWEEN_M: f64 = 0.002;
+/// Fingers that stand this far apart are wide open, and nothing is between them, metres.
+const WIDE_OPEN_M: f64 = FINGER_OPENING_MAX_M - BETWEEN_M;
 /// Fingers that have moved by less than this, metres, for so long, milliseconds, stand.
 const STILL_M: f64 = 0.001;
 const STANDS_MS: u64 = 300;
@@ -37,7 +39,7 @@ pub struct Hand {
     is_as_found: bool,
     /// How wide something held them apart, metres.
     held_at_m: Option<f64>,
-    /// How wide something had held them apart as they were sent elsewhere, metres, until it is known what became of it.
+    /// How wide something had held them apart as they were sent elsewhere, or may hold them apart, metres, until it is known what became of it.
     had_m: Option<f64>,
     /// How wide they stand, metres, and since when, milliseconds, while they may still be closing on something: on what has slipped, or within their
     /// controller's tolerance, which takes fingers to have arrived that something thin holds apart.
@@ -54,8 +56,9 @@ impl Hand {
     /// It was sent to a width, metres.
     pub fn sent(&mut self, number: u64, width_m: f64) {
         self.is_as_found = false;
+        // What came of a goal that is still open nobody tells any more.
+        self.had_m = self.held_at_m.map(|held_m| held_m.max(self.width_m)).or(self.closed_on_m()).or(self.had_m);
         self.closes = self.measured_m.is_some_and(|measured_m| width_m < measured_m);
-        self.had_m = self.held_at_m.map(|held_m| held_m.max(self.width_m)).or(self.had_m);
         (self.goal, self.told_m, self.held_at_m, self.closing_at) = (Some(number), width_m, None, None);
         (self.stalls, self.canceled_ms, self.lost_ms) = (false, None, None);
     }
@@ -87,6 +90,7 @@ impl Hand {
         if self.goal != Some(number) {
             return false;
         }
+        let closed_on_m = self.closed_on_m();
         self.goal = None;
         self.width_m = width_m;
         self.held_at_m = (result.stalled && !result.reached_goal).then_some(width_m);
@@ -95,10 +99,14 @@ impl Hand {
         if self.held_at_m.is_some() || is_there {
             self.had_m = None;
         }
-        // Fingers that a cancel has stopped close no further.
-        if self.held_at_m.is_none() && self.closes && (result.reached_goal || (is_there && self.canceled_ms.is_none())) {
-            let apart_m = self.measured_m.filter(|measured_m| *measured_m > self.told_m + BETWEEN_M);
-            self.closing_at = apart_m.map(|measured_m| (measured_m, now_ms));
+        if self.held_at_m.is_none() && self.closes {
+            let has_arrived = result.reached_goal || (is_there && self.canceled_ms.is_none());
+            match closed_on_m.filter(|_| !has_arrived) {
+                // Whether something or a cancel has stopped them nobody knows: they may have met it before the controller could tell.
+                Some(_) => self.had_m = closed_on_m,
+                // Where their joints are told late, they are not where they seem to be.
+                None => self.closing_at = self.apart_m().map(|apart_m| (apart_m, now_ms)),
+            }
         }
         self.canceled_ms.is_none()
     }
@@ -114,10 +122,11 @@ impl Hand {
     }
 
     /// The controller says to a cancel that it carries out no such goal. Within `patience_ms` of its being lost the goal may still be on its way; of
-    /// one that is not lost the end is told.
+    /// one that is not lost the end is told. It may have been carried out long ago: what the fingers stand at may be held.
     pub fn not_there(&mut self, number: u64, now_ms: u64, patience_ms: u64) {
         let is_over = self.lost_ms.is_some_and(|lost_ms| now_ms >= lost_ms + patience_ms);
         if self.goal == Some(number) && is_over {
+            self.had_m = self.closed_on_m().or(self.had_m);
             self.goal = None;
         }
     }
@@ -127,24 +136,34 @@ impl Hand {
         self.goal.is_some() && (self.canceled_ms.is_some() || self.lost_ms.is_some())
     }
 
+    /// How wide the fingers stand, metres, where that is further apart than they were told.
+    fn apart_m(&self) -> Option<f64> {
+        self.measured_m.filter(|measured_m| *measured_m > self.told_m + BETWEEN_M)
+    }
+
+    /// How wide what their open goal may have closed on is, metres: fingers that have begun to close and are not where they were told may stand against it.
+    fn closed_on_m(&self) -> Option<f64> {
+        self.apart_m().filter(|apart_m| self.goal.is_some() && self.closes && *apart_m < WIDE_OPEN_M)
+    }
+
     /// Whether the fingers stand where they were told to be.
     pub fn is_there(&self) -> bool {
         (self.width_m - self.told_m).abs() <= LOST_M
     }
 
     /// The fingers were measured, metres. Those that close further have lost what they held, until they stand against it where it is thinner; those that
-    /// were to open and have not still have it.
+    /// were to open and have not still have it, unless they are wide open.
     pub fn measured(&mut self, width_m: f64, now_ms: u64) {
         (self.width_m, self.measured_m) = (width_m, Some(width_m));
         if self.is_as_found {
-            let between = BETWEEN_M..FINGER_OPENING_MAX_M - BETWEEN_M;
+            let between = BETWEEN_M..WIDE_OPEN_M;
             self.had_m = between.contains(&width_m).then_some(width_m);
         }
         let has_closed = |held_m: Option<f64>| held_m.is_some_and(|held_m| width_m < held_m - LOST_M);
-        if has_closed(self.held_at_m) || (self.goal.is_none() && has_closed(self.had_m)) {
+        if has_closed(self.held_at_m) || (self.is_untold() && has_closed(self.had_m)) {
             (self.held_at_m, self.had_m, self.closing_at) = (None, None, Some((width_m, now_ms)));
         }
-        if self.had_m.is_some_and(|had_m| width_m > had_m + LOST_M) {
+        if self.had_m.is_some_and(|had_m| width_m > had_m + LOST_M || (had_m < WIDE_OPEN_M && width_m >= WIDE_OPEN_M)) {
             self.had_m = None;
         }
         let Some((at_m, since_ms)) = self.closing_at else { return };
@@ -153,15 +172,22 @@ impl Hand {
         } else if (width_m - at_m).abs() > STILL_M {
             self.closing_at = Some((width_m, now_ms));
         } else if now_ms >= since_ms + STANDS_MS {
-            (self.held_at_m, self.closing_at) = (Some(width_m), None);
+            (self.held_at_m, self.closing_at) = ((width_m < WIDE_OPEN_M).then_some(width_m), None);
         }
     }
 
-    /// What a state says of it.
+    /// Whether no controller is to tell any more what becomes of the fingers: what is measured has to.
+    fn is_untold(&self) -> bool {
+        self.goal.is_none() || self.is_given_up()
+    }
+
+    /// What a state says of it. What may be held counts as held: an empty hand that is taken for a full one costs an opening, and a full one that is
+    /// taken for an empty one what is in it.
     pub fn state(&self) -> GripperState {
         let settled = self.goal.is_none() && self.closing_at.is_none();
-        let has_not_let_go = self.goal.is_none() && self.had_m.is_some();
-        GripperState { width_m: self.width_m, settled, holding: self.held_at_m.is_some() || has_not_let_go }
+        let has_not_let_go = self.is_untold() && self.had_m.is_some();
+        let may_have_closed = (self.stalls || self.is_given_up()) && self.closed_on_m().is_some();
+        GripperState { width_m: self.width_m, settled, holding: self.held_at_m.is_some() || has_not_let_go || may_have_closed }
     }
 }
 
@@ -251,18 +277,113 @@ mod tests {
         assert!(!hand.refused(1) && hand.refused(2));
         assert_eq!(hand.state(), GripperState { width_m: 0.08, settled: true, holding: false });
     }
+
+    /// A hand that was sent from wide open to a width, as its goal 1, and whose fingers have come so far, metres.
+    fn closing(to_m: f64, at_m: f64) -> Hand {
+        let mut hand = Hand::default();
+        hand.measured(0.08, 0);
+        hand.sent(1, to_m);
+        hand.measured(at_m, 100);
+        assert_eq!(hand.state(), GripperState { width_m: at_m, settled: false, holding: false });
+        hand
+    }
+
     #[test]
-    fn fingers_that_a_cancel_has_stopped_on_their_way_hold_nothing() {
-        for (reached_goal, holds) in [(false, false), (true, true)] {
-            let mut hand = Hand::default();
-            hand.measured(0.08, 0);
-            hand.sent(1, 0.01);
-            hand.to_cancel(50);
-            hand.measured(0.0135, 100);
-            hand.ended(1, &GripperCommandResult { reached_goal, ..GripperCommandResult::default() }, 0.0135, 100);
-            hand.measured(0.0135, 500);
-            assert_eq!(hand.state(), GripperState { width_m: 0.0135, settled: true, holding: holds }, "reached: {reached_goal}");
+    fn fingers_that_a_cancel_has_stopped_on_their_way_may_have_closed_on_something() {
+        for (at_m, reached_goal, holds) in
+            [(0.0135, false, true), (0.0135, true, true), (0.05, false, true), (0.0115, false, false), (0.079, false, false)]
+        {
+            let mut hand = closing(0.01, at_m);
+            hand.to_cancel(150);
+            assert_eq!(hand.state(), GripperState { width_m: at_m, settled: false, holding: holds }, "{at_m}: it may have closed already");
+            // What is told of where they are may be wrong: such a result may be empty.
+            for width_m in [at_m, 0.0] {
+                let mut hand = hand;
+                hand.ended(1, &GripperCommandResult { reached_goal, ..GripperCommandResult::default() }, width_m, 200);
+                hand.measured(at_m, 600);
+                assert_eq!(hand.state(), GripperState { width_m: at_m, settled: true, holding: holds }, "{at_m}, reached: {reached_goal}");
+            }
         }
+    }
+
+    #[test]
+    fn fingers_that_a_cancel_has_stopped_and_that_are_told_of_late_may_have_closed_on_something() {
+        let mut hand = closing(0.01, 0.079);
+        hand.to_cancel(150);
+        hand.ended(1, &GripperCommandResult::default(), 0.0, 200);
+        hand.measured(0.06, 220);
+        assert!(!hand.state().settled);
+        hand.measured(0.06, 520);
+        assert_eq!(hand.state(), GripperState { width_m: 0.06, settled: true, holding: true });
+    }
+
+    #[test]
+    fn fingers_that_stop_short_without_a_word_of_why_may_have_closed_on_something() {
+        let mut hand = closing(0.01, 0.05);
+        assert!(hand.ended(1, &GripperCommandResult::default(), 0.05, 200));
+        assert_eq!(hand.state(), GripperState { width_m: 0.05, settled: true, holding: true });
+    }
+
+    #[test]
+    fn what_a_goal_that_nobody_tells_the_end_of_may_have_closed_on_is_held_until_the_fingers_move_on() {
+        for (later_m, holds) in [(0.04, true), (0.042, true), (0.06, false), (0.079, false), (0.01, false)] {
+            let mut hand = closing(0.01, 0.06);
+            hand.lost(1, 100);
+            hand.measured(0.04, 200);
+            assert_eq!(hand.state(), GripperState { width_m: 0.04, settled: false, holding: true });
+            hand.not_there(1, 1000, 2000);
+            assert!(!hand.state().settled, "it may come late");
+            hand.not_there(1, 2100, 2000);
+            assert_eq!(hand.state(), GripperState { width_m: 0.04, settled: true, holding: true });
+            hand.measured(later_m, 2200);
+            assert_eq!(hand.state(), GripperState { width_m: later_m, settled: true, holding: holds }, "{later_m}");
+        }
+    }
+
+    #[test]
+    fn a_hand_whose_controller_has_fallen_silent_has_what_it_had_until_its_fingers_move_on() {
+        for (told_m, at_m, holds) in [(0.08, 0.05, true), (0.08, 0.06, false), (0.0, 0.05, true), (0.0, 0.03, true), (0.0, 0.001, false)] {
+            let mut hand = Hand::default();
+            hand.sent(1, 0.01);
+            hand.ended(1, &GripperCommandResult { stalled: true, ..GripperCommandResult::default() }, 0.05, 0);
+            hand.measured(0.05, 0);
+            hand.sent(2, told_m);
+            hand.lost(2, 100);
+            hand.measured(at_m, 200);
+            assert_eq!(hand.state().holding, holds, "sent to {told_m}, at {at_m}");
+        }
+    }
+
+    #[test]
+    fn what_a_hand_was_closing_on_as_it_was_sent_elsewhere_is_in_it_until_it_opens() {
+        let mut hand = closing(0.0, 0.04);
+        hand.sent(2, 0.08);
+        assert!(!hand.state().holding, "it is letting go");
+        hand.to_cancel(200);
+        assert!(hand.state().holding);
+        hand.ended(2, &GripperCommandResult::default(), 0.0, 300);
+        hand.measured(0.04, 400);
+        assert_eq!(hand.state(), GripperState { width_m: 0.04, settled: true, holding: true });
+    }
+
+    #[test]
+    fn fingers_that_are_wide_open_have_let_go_though_their_controller_does_not_say_so() {
+        let mut hand = closing(0.0, 0.077);
+        hand.to_cancel(150);
+        hand.ended(1, &GripperCommandResult::default(), 0.0, 200);
+        assert!(hand.state().holding);
+        hand.sent(2, 0.08);
+        hand.measured(0.08, 300);
+        hand.ended(2, &GripperCommandResult::default(), 0.0, 400);
+        hand.measured(0.08, 500);
+        assert_eq!(hand.state(), GripperState { width_m: 0.08, settled: true, holding: false });
+    }
+
+    #[test]
+    fn what_the_controller_says_to_stall_the_fingers_is_held_while_its_result_is_still_to_come() {
+        let mut hand = closing(0.0, 0.04);
+        hand.stalled(1);
+        assert_eq!((hand.to_cancel(200), hand.state()), (None, GripperState { width_m: 0.04, settled: false, holding: true }));
     }
 
     #[test]

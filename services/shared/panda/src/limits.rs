@@ -11,6 +11,8 @@ use crate::{JOINT_COUNT, Joints};
 
 /// The widest opening between the fingers, metres (each finger moves half of it).
 pub const FINGER_OPENING_MAX_M: f64 = 0.08;
+/// By so large a share of its angle a joint that is to stay where it is may be off it by rounding.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// What each joint may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,12 +95,14 @@ impl JointLimits {
         }
     }
 
-    /// The limits with the position limits widened to where the joints are: an arm that stands beyond them comes back from there, and goes no further.
+    /// The limits with the position limits widened to where the joints are: an arm that stands beyond them comes back from there, and goes no further
+    /// than by the rounding of a joint that is to stay where it is.
     #[must_use]
     pub fn including(&self, joints: &Joints) -> Self {
+        let rounding_rad = |i: usize| ROUNDING * joints[i].abs();
         Self {
-            position_lower_rad: std::array::from_fn(|i| self.position_lower_rad[i].min(joints[i])),
-            position_upper_rad: std::array::from_fn(|i| self.position_upper_rad[i].max(joints[i])),
+            position_lower_rad: std::array::from_fn(|i| self.position_lower_rad[i].min(joints[i] - rounding_rad(i))),
+            position_upper_rad: std::array::from_fn(|i| self.position_upper_rad[i].max(joints[i] + rounding_rad(i))),
             ..*self
         }
     }
@@ -196,7 +200,8 @@ mod tests {
         let mut joints = READY;
         (joints[0], joints[1], joints[2]) = (2.9, -1.8, f64::NAN);
         let wider = LIMITS.including(&joints);
-        assert_eq!((wider.position_upper_rad[0], wider.position_lower_rad[1]), (2.9, -1.8));
+        let beyond_rad = [wider.position_upper_rad[0] - 2.9, -1.8 - wider.position_lower_rad[1]];
+        assert!(beyond_rad.iter().all(|beyond_rad| (0.0..1e-13).contains(beyond_rad)), "{beyond_rad:?}");
         let ends = |limits: &JointLimits| (limits.position_lower_rad[0], limits.position_upper_rad[1], limits.position_upper_rad[2]);
         assert_eq!(ends(&wider), ends(&LIMITS));
         assert_eq!(LIMITS.including(&READY), LIMITS);

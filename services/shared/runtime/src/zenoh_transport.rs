@@ -6,14 +6,14 @@
 use std::collections::BTreeSet;
 use std::future::IntoFuture;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::Duration;
 
 use async_trait::async_trait;
 use bytes::Bytes;
 use futures::FutureExt;
 use repose_proto::{Payload, Priority, message};
-use tokio::sync::watch;
+use tokio::sync::{oneshot, watch};
 use tokio::time::Instant;
 use zenoh::Wait;
 use zenoh::bytes::{Encoding, ZBytes};
@@ -174,6 +174,74 @@ impl Drop for CancelOnDrop {
     }
 }
 
+/// What a watch hears of live tokens.
+#[derive(Default)]
+struct Heard {
+    told: Told,
+    /// The tokens that there were when the watch began and whose end was not told since; emptied once it has caught up, or has given that up.
+    listed: BTreeSet<String>,
+    /// The same where it was not told of each in time, until it is.
+    late: BTreeSet<String>,
+}
+
+impl Heard {
+    /// Something is told of a token; `alive` are those that there are.
+    fn take(&mut self, key: String, kind: SampleKind, alive: &mut BTreeSet<String>) {
+        match kind {
+            SampleKind::Put if self.told.came(&key) => {
+                alive.insert(key);
+            }
+            SampleKind::Put => {}
+            SampleKind::Delete => {
+                self.told.went(&key);
+                self.listed.remove(&key);
+                alive.remove(&key);
+            }
+        }
+        if !self.late.is_empty() && self.told.catch_up(&self.late) {
+            self.late.clear();
+        }
+    }
+
+    /// Whether something was told of every token that is listed.
+    fn has_caught_up(&mut self) -> bool {
+        let has_caught_up = self.told.catch_up(&self.listed);
+        if has_caught_up {
+            self.listed.clear();
+        }
+        has_caught_up
+    }
+
+    /// The time for that is over: what is listed is there, told or not. That it was there may still be told, even after its end.
+    fn give_up(&mut self, alive: &mut BTreeSet<String>) {
+        self.late = std::mem::take(&mut self.listed);
+        alive.extend(self.late.iter().cloned());
+    }
+}
+
+fn locked(heard: &Mutex<Heard>) -> MutexGuard<'_, Heard> {
+    heard.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Waits until a watch was told of every token that is listed, or until the time for that is over.
+async fn catch_up(
+    key: &str,
+    heard: &Mutex<Heard>,
+    alive: &Weak<watch::Sender<BTreeSet<String>>>,
+    keys: &mut watch::Receiver<BTreeSet<String>>,
+) -> Result<(), RuntimeError> {
+    let told = tokio::time::timeout(HISTORY_TIMEOUT, keys.wait_for(|_| locked(heard).has_caught_up())).await.map(|told| told.is_ok());
+    match (told, alive.upgrade()) {
+        (Ok(true), _) => Ok(()),
+        (Err(_), Some(alive)) => {
+            tracing::warn!(key, "not all tokens were told in time");
+            alive.send_modify(|alive| locked(heard).give_up(alive));
+            Ok(())
+        }
+        (Ok(false), _) | (Err(_), None) => Err(RuntimeError::transport(format!("watching {key}"), "the session has closed")),
+    }
+}
+
 struct QueryReplier(Arc<zenoh::query::Query>);
 
 #[async_trait]
@@ -301,45 +369,26 @@ impl Transport for ZenohTransport {
     async fn watch_alive(&self, key: &str) -> Result<AliveWatch, RuntimeError> {
         let refused = |e| RuntimeError::transport(format!("watching {key}"), e);
         let (sender, mut keys) = watch::channel(BTreeSet::new());
-        let told = Arc::new(Mutex::new(Told::default()));
-        let hears = told.clone();
+        let (sender, heard) = (Arc::new(sender), Arc::new(Mutex::new(Heard::default())));
+        // The callback alone keeps the sender: the watch ends with the session.
+        let (alive, hears, lists) = (Arc::downgrade(&sender), heard.clone(), heard.clone());
         let subscriber = self.session.liveliness().declare_subscriber(key.to_owned()).history(true).callback(move |sample| {
             let key = sample.key_expr().to_string();
-            sender.send_modify(|keys: &mut BTreeSet<String>| {
-                let mut told = hears.lock().unwrap_or_else(PoisonError::into_inner);
-                match sample.kind() {
-                    SampleKind::Put if told.came(&key) => keys.insert(key),
-                    SampleKind::Put => false,
-                    SampleKind::Delete => {
-                        told.went(&key);
-                        keys.remove(&key)
-                    }
-                };
-            });
+            sender.send_modify(|alive: &mut BTreeSet<String>| locked(&hears).take(key, sample.kind(), alive));
         });
         let subscriber = subscriber.await.map_err(refused)?;
         // The history says nothing when it is complete; a query behind it on the same path tells which there are.
-        let (there, mut replies) = tokio::sync::mpsc::unbounded_channel();
+        let (listing, listed) = oneshot::channel::<()>();
         let history = self.session.liveliness().get(key.to_owned()).timeout(HISTORY_TIMEOUT).callback(move |reply| {
+            // Dropped with this callback, after the last reply.
+            let _listing = &listing;
             if let Ok(sample) = reply.result() {
-                // Whoever asked has gone.
-                let _gone = there.send(sample.key_expr().to_string());
+                locked(&lists).listed.insert(sample.key_expr().to_string());
             }
         });
         history.await.map_err(refused)?;
-        let mut all = BTreeSet::new();
-        while let Some(key) = replies.recv().await {
-            all.insert(key);
-        }
-        let catch_up = |all: &BTreeSet<String>| told.lock().unwrap_or_else(PoisonError::into_inner).catch_up(all);
-        match tokio::time::timeout(HISTORY_TIMEOUT, keys.wait_for(|_| catch_up(&all))).await {
-            Ok(Ok(_)) => {}
-            Ok(Err(_)) => return Err(RuntimeError::transport(format!("watching {key}"), "the session has closed")),
-            Err(_) => {
-                tracing::warn!(key, "not all tokens were told in time");
-                catch_up(&BTreeSet::new());
-            }
-        }
+        let _dropped = listed.await;
+        catch_up(key, &heard, &alive, &mut keys).await?;
         Ok(AliveWatch { keys, _declaration: Box::new(subscriber) })
     }
 
@@ -394,6 +443,37 @@ mod tests {
         assert!(blocked.await.unwrap());
         let _replies = transport.query(KEY, query("asked")).await.unwrap();
         assert_eq!(queries.next().await.map(|query| query.payload.bytes), Some(Bytes::from_static(b"asked")));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_token_that_is_listed_and_not_told_of_in_time_is_there_until_its_end() {
+        let (sender, mut keys) = watch::channel(BTreeSet::new());
+        let (sender, heard) = (Arc::new(sender), Mutex::new(Heard::default()));
+        let tell = |key: &str, kind| sender.send_modify(|alive| locked(&heard).take(key.to_owned(), kind, alive));
+        locked(&heard).listed = ["a", "b", "c"].map(str::to_owned).into();
+        tell("b", SampleKind::Delete);
+        catch_up(KEY, &heard, &Arc::downgrade(&sender), &mut keys).await.unwrap();
+        let is_there = |key: &str| sender.borrow().contains(key);
+        assert_eq!(["a", "b", "c"].map(is_there), [true, false, true], "b has ended since");
+        tell("a", SampleKind::Delete);
+        assert!(!is_there("a"));
+        for key in ["a", "b", "c"] {
+            tell(key, SampleKind::Put);
+        }
+        assert_eq!(["a", "b", "c"].map(is_there), [false, false, true], "this tells of the time before");
+        tell("a", SampleKind::Put);
+        tell("c", SampleKind::Delete);
+        assert_eq!((["a", "c"].map(is_there), locked(&heard).late.is_empty()), ([true, false], true));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_watch_whose_session_closes_before_it_was_told_of_all_tokens_ends() {
+        let (sender, mut keys) = watch::channel(BTreeSet::new());
+        let (sender, heard) = (Arc::new(sender), Mutex::new(Heard::default()));
+        locked(&heard).listed.insert("a".to_owned());
+        let alive = Arc::downgrade(&sender);
+        drop(sender);
+        assert!(catch_up(KEY, &heard, &alive, &mut keys).await.is_err());
     }
 
     #[test]

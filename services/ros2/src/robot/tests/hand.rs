@@ -6,6 +6,24 @@ use repose_ros_messages::{GripperCommandResult, status};
 use super::trial::{Trial, config};
 use crate::robot::events::{Do, HandTold};
 
+/// Whether the hand has settled, and whether it holds something.
+fn gripper(trial: &mut Trial) -> (bool, bool) {
+    let state = trial.side.state(trial.now_ms, 0).expect("a state");
+    (state.gripper_settled, state.gripper_holding)
+}
+
+/// The hand opens, as its goal 2: nothing is stopped by that, and nothing is in it any more.
+fn opens(trial: &mut Trial) {
+    trial.command(|command| command.gripper = Some(GripperCommand { width_m: 0.08, force_n: 30.0 }));
+    trial.run(8);
+    trial.fingers_m = 0.04;
+    trial.run(8);
+    let reached = GripperCommandResult { position: 0.04, reached_goal: true, ..GripperCommandResult::default() };
+    trial.side.told_by_hand(HandTold::Ended(2, status::SUCCEEDED, reached), trial.now_ms);
+    trial.run(8);
+    assert_eq!((gripper(trial), trial.stop_kind()), ((true, false), None));
+}
+
 /// A trial whose hand was just sent to close, as its goal 1.
 fn gripping() -> Trial {
     let mut trial = Trial::new(true);
@@ -67,6 +85,43 @@ fn what_a_stop_keeps_a_hand_from_letting_go_of_is_in_it_still() {
     trial.run(8);
     let state = trial.side.state(trial.now_ms, 0).expect("a state");
     assert!(state.gripper_settled && state.gripper_holding, "{state:?}");
+}
+
+#[test]
+fn what_the_fingers_have_met_before_a_stop_cancels_them_is_held_until_the_hand_opens() {
+    let mut trial = gripping();
+    trial.fingers_m = 0.02;
+    trial.run(8);
+    trial.side.emergency_stop(&EmergencyStop::read(b"e1"));
+    trial.run(8);
+    assert_eq!(gripper(&mut trial), (false, true), "the controller may have closed it already");
+    let canceled = GripperCommandResult { position: 0.02, ..GripperCommandResult::default() };
+    trial.side.told_by_hand(HandTold::Ended(1, status::CANCELED, canceled), trial.now_ms);
+    trial.run(8);
+    assert_eq!(gripper(&mut trial), (true, true));
+    trial.hears_of_nothing_of_others();
+    assert!(trial.clears());
+    assert_eq!(gripper(&mut trial), (true, true), "clearing the stop does not empty it");
+    opens(&mut trial);
+}
+
+#[test]
+fn what_a_goal_of_the_hand_may_have_closed_on_whose_end_nobody_tells_is_held_until_the_hand_opens() {
+    for says_it_is_over in [true, false] {
+        let mut trial = gripping();
+        trial.side.told_by_hand(HandTold::Lost(1, "no answer within 2000 ms".to_owned()), trial.now_ms);
+        trial.fingers_m = 0.02;
+        trial.run(2400);
+        if says_it_is_over {
+            trial.side.told_by_hand(HandTold::NotThere(1), trial.now_ms);
+        }
+        trial.run(400);
+        assert_eq!(gripper(&mut trial), (says_it_is_over, true));
+        assert!(trial.clears());
+        trial.run(400);
+        assert_eq!(gripper(&mut trial), (says_it_is_over, true), "clearing the stop does not empty it");
+        opens(&mut trial);
+    }
 }
 
 #[test]
@@ -147,10 +202,6 @@ fn what_is_thinner_than_the_controllers_tolerance_is_held_once_the_fingers_have_
     // Within 10 mm of its position it takes the finger to have arrived: 20 mm of opening.
     let reached = GripperCommandResult { position: 0.0099, reached_goal: true, ..GripperCommandResult::default() };
     trial.side.told_by_hand(HandTold::Ended(1, status::SUCCEEDED, reached), trial.now_ms);
-    let gripper = |trial: &mut Trial| {
-        let state = trial.side.state(trial.now_ms, 0).expect("a state");
-        (state.gripper_settled, state.gripper_holding)
-    };
     for fingers_m in [0.0099, 0.009, 0.008, 0.007, 0.006] {
         trial.fingers_m = fingers_m;
         trial.run(100);

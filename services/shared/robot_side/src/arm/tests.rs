@@ -95,6 +95,23 @@ fn an_arm_that_stands_beyond_its_limits_comes_back_and_goes_no_further() {
 }
 
 #[test]
+fn a_joint_beyond_its_limits_may_stay_where_it_is_while_others_move() {
+    let mut settings = ArmSettings::default();
+    settings.rules.limits.position_upper_rad[6] -= 0.005;
+    for k in 1..50 {
+        let mut stands_rad = READY;
+        stands_rad[6] = settings.rules.limits.position_upper_rad[6] + 0.0001 * f64::from(k);
+        let mut points = swing(-0.5, 2000.0);
+        points.iter_mut().for_each(|p| p.q_rad[6] = stands_rad[6]);
+        let mut arm = Arm::standing_at(stands_rad, settings);
+        arm.command(&command(1, 1, points), 0.0).expect("taken");
+        run(&mut arm, 2100, 0.0);
+        assert_eq!((arm.mode(), arm.stop()), (RobotMode::Idle, None), "{k}");
+        assert!((arm.q_rad()[0] - READY[0] + 0.5).abs() < 1e-6);
+    }
+}
+
+#[test]
 fn a_silent_commander_stops_the_arm() {
     for expires in [false, true] {
         let mut arm = Arm::default();
