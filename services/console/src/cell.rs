@@ -16,11 +16,12 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval};
 
 use crate::ConsoleConfig;
+use crate::activity::{Activity, SequenceShown, StepShown};
 use crate::arm::{PlanShown, link_poses, world_from_base};
 use crate::arrangement::ArrangementShown;
-use crate::messages::{Activity, RobotShown, ServerMessage, StepShown, SystemShown, WorkerShown};
+use crate::messages::{RobotShown, ServerMessage, SystemShown, WorkerShown};
+use crate::moves::Moves;
 use crate::robots::KnownRobots;
-use crate::stage::GoalStage;
 use crate::system::SceneArrivals;
 use crate::view::{CameraPicture, SceneView, ViewReason, picture_bytes};
 use crate::viewers::{Audience, Topic, ViewerMessage};
@@ -44,6 +45,7 @@ const ASK_PERIOD: Duration = Duration::from_secs(4);
 pub struct WatchedCell {
     shared: Arc<Shared>,
     cameras: Mutex<BTreeMap<String, Weak<Camera>>>,
+    moves: Moves,
     _following: JoinSet<()>,
 }
 
@@ -72,11 +74,11 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl WatchedCell {
-    /// Begins to follow a cell.
+    /// Begins to follow a cell; `moves` are those that the console has robots make, here and elsewhere.
     ///
     /// # Errors
     /// When the name is no chunk of a key, or the network refuses.
-    pub async fn follow(session: &Session, name: &str, config: Arc<ConsoleConfig>) -> Result<Self, CallError> {
+    pub async fn follow(session: &Session, name: &str, config: Arc<ConsoleConfig>, moves: Moves) -> Result<Self, CallError> {
         let session = session.in_cell(name)?;
         let mut callers = BTreeMap::new();
         for service in Service::ALL {
@@ -90,7 +92,7 @@ impl WatchedCell {
         following.spawn(shared.clone().follow_robots(states));
         following.spawn(shared.clone().follow_cameras(summaries));
         following.spawn(shared.clone().follow_workers());
-        Ok(Self { shared, cameras: Mutex::default(), _following: following })
+        Ok(Self { shared, cameras: Mutex::default(), moves, _following: following })
     }
 
     /// The cell's name.
@@ -106,6 +108,11 @@ impl WatchedCell {
     /// Those who look at this cell.
     pub fn audience(&self) -> &Audience {
         &self.shared.audience
+    }
+
+    /// The moves of this console.
+    pub fn moves(&self) -> &Moves {
+        &self.moves
     }
 
     /// Calls to a service of this cell.
@@ -189,18 +196,17 @@ impl WatchedCell {
 
     /// Changes the step that the sequence under way is at, where there is one, and tells everybody.
     pub fn update_step(&self, change: impl FnOnce(&mut StepShown)) {
-        let is_open = |step: &&mut StepShown| !matches!(step.stage, GoalStage::Held | GoalStage::Failed);
         self.update(|activity| {
-            if let Some(step) = activity.sequence.as_mut().and_then(|sequence| sequence.steps.iter_mut().find(is_open)) {
+            if let Some(step) = activity.sequence.as_mut().and_then(SequenceShown::step_under_way) {
                 change(step);
             }
         });
     }
 
-    /// Changes what is shown of the arrangement that is brought about, where there is one, and tells everybody.
+    /// Changes what is shown of the arrangement that is being brought about, where there is one, and tells everybody.
     pub fn update_arrangement(&self, change: impl FnOnce(&mut ArrangementShown)) {
         self.update(|activity| {
-            if let Some(shown) = &mut activity.arrangement {
+            if let Some(shown) = activity.arrangement.as_mut().filter(|shown| !shown.ended) {
                 change(shown);
             }
         });

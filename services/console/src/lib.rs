@@ -3,14 +3,17 @@
 //! [`run`] serves it over HTTP and WebSockets to any number of viewers. The page's files are in the program ([`page`]). Everything a viewer
 //! is told goes through its [`viewers::Outbox`], where a newer message of a kind takes the place of an older one that still waits, so that a
 //! slow viewer slows nobody; over a slow link the page keeps a [`pace`]. [`cell`] follows a cell while somebody looks; [`endpoints`] answers what viewers ask. [`access`] says who may.
+//! A console that is to end waits for the [`moves`] that it has begun.
 
 pub mod access;
+pub mod activity;
 pub mod arm;
 pub mod arrangement;
 pub mod cell;
 pub mod config;
 pub mod endpoints;
 pub mod messages;
+pub mod moves;
 pub mod pace;
 pub mod page;
 pub mod parts;
@@ -23,6 +26,7 @@ pub mod viewers;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use repose_runtime::{CertificateReading, RuntimeError, Session, Shutdown, serve_http, watch_certificate};
 use tokio::net::TcpListener;
@@ -56,14 +60,14 @@ pub enum ConsoleError {
     Runtime(#[from] RuntimeError),
 }
 
-/// Serves the page until `shutdown`.
+/// Serves the page as [`Console::serve`] does.
 ///
 /// # Errors
 /// When the configuration is unusable, the address is taken, or the network refuses.
-pub async fn run(session: Session, config: ConsoleConfig, shutdown: Shutdown) -> Result<(), ConsoleError> {
+pub async fn run(session: Session, config: ConsoleConfig, drain: Duration, shutdown: Shutdown) -> Result<(), ConsoleError> {
     let console = Console::open(session, config).await?;
     tracing::info!(url = console.url(), "serving the page");
-    console.serve(shutdown).await
+    console.serve(drain, shutdown).await
 }
 
 /// A console that listens and does not serve yet.
@@ -103,16 +107,25 @@ impl Console {
         url(self.address, self.tls.is_some())
     }
 
-    /// Serves until `shutdown`.
+    /// Serves until `shutdown`, and then until the moves under way are over, at most for `drain`: until then the pages show them, and stop the robots.
     ///
     /// # Errors
     /// When the listener fails.
-    pub async fn serve(self, shutdown: Shutdown) -> Result<(), ConsoleError> {
-        let pages = endpoints::router(self.state, shutdown.clone());
-        match self.tls {
-            None => serve_http(self.listener, pages, &shutdown).await,
-            Some(acceptor) => serve_http(tls::Listener::new(self.listener, acceptor)?, pages, &shutdown).await,
-        }
+    pub async fn serve(self, drain: Duration, shutdown: Shutdown) -> Result<(), ConsoleError> {
+        let Self { listener, tls, state, .. } = self;
+        let pages_end = Shutdown::new();
+        let pages = endpoints::router(state.clone(), pages_end.clone());
+        let ending = async {
+            shutdown.requested().await;
+            endpoints::end(&state, drain, &pages_end).await;
+        };
+        match tls {
+            None => tokio::join!(ending, serve_http(listener, pages, &pages_end)),
+            Some(acceptor) => {
+                let listener = tls::Listener::new(listener, acceptor)?;
+                tokio::join!(ending, serve_http(listener, pages, &pages_end))
+            }
+        };
         Ok(())
     }
 }

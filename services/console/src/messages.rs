@@ -6,13 +6,12 @@ use std::sync::Arc;
 use repose_proto::load::WorkerLoad;
 use repose_proto::motion::{ExecutionOutcome, RecoveryMove};
 use repose_proto::robot::{RobotState, StopState};
-use repose_proto::{ArrangeRequest, ArrangeResult, CallError, GoalTerm, PlaceRequest, PlaceResult, RigidTransform, Service};
+use repose_proto::{ArrangeRequest, ArrangeResult, CallError, PlaceRequest, PlaceResult, RigidTransform, Service};
 use serde::{Deserialize, Serialize};
 
 use crate::access::Role;
+use crate::activity::Activity;
 use crate::arm::{LinkPoses, PlanShown};
-use crate::arrangement::ArrangementShown;
-use crate::stage::GoalStage;
 use crate::viewers::ViewerMessage;
 
 /// A request of a viewer's; `id` comes back with its answer.
@@ -164,6 +163,11 @@ impl Ask {
             | Self::Recover { .. }
             | Self::NewScene { .. } => Role::Operator,
         }
+    }
+
+    /// Whether a robot moves until it is answered. A sequence and an arrangement are answered when they begin.
+    pub fn moves_until_answered(&self) -> bool {
+        matches!(self, Self::Execute { .. } | Self::Recover { .. })
     }
 }
 
@@ -340,103 +344,6 @@ pub struct RobotShown {
     pub links: Option<LinkPoses>,
 }
 
-/// What is being carried out in a cell, or was last.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Activity {
-    /// The motion.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub execution: Option<ExecutionShown>,
-    /// The sequence that it belongs to.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sequence: Option<SequenceShown>,
-    /// Goals that are brought about together, or were last.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub arrangement: Option<ArrangementShown>,
-}
-
-impl Activity {
-    /// What of several moves is under way.
-    pub fn under_way(&self) -> Option<&'static str> {
-        let sequence = self.sequence.as_ref().filter(|s| !s.ended).map(|_| "a sequence");
-        sequence.or_else(|| self.arrangement.as_ref().filter(|a| !a.ended).map(|_| "an arrangement"))
-    }
-
-    /// Shows a motion as it is now. One that was only asked for does not take the place of another that is under way, for whose sake it may be
-    /// refused; one that `takes_over` does.
-    pub fn show_execution(&mut self, motion: &ExecutionShown, takes_over: bool) {
-        if takes_over || self.execution.as_ref().is_none_or(|other| other.id == motion.id || other.ended.is_some()) {
-            self.execution = Some(motion.clone());
-        }
-    }
-}
-
-/// A motion under way, or the last one.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ExecutionShown {
-    /// Which one it is: several viewers may ask for one at once, and several robots carry one out.
-    #[serde(skip)]
-    pub id: String,
-    /// The robot.
-    pub robot: String,
-    /// The object.
-    pub query: u16,
-    /// The names of its phases, in order.
-    pub phases: Vec<String>,
-    /// The phase it is in.
-    pub phase: usize,
-    /// How it ended.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub ended: Option<ExecutionEnded>,
-    /// What a look after it said of every object, in sentences; empty where nobody has looked.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub said: Vec<String>,
-}
-
-/// How a motion ended.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ExecutionEnded {
-    /// As motion says.
-    Outcome {
-        /// How.
-        outcome: ExecutionOutcome,
-        /// Why, when not done.
-        reason: Option<String>,
-    },
-    /// Without a word of motion's.
-    Error(CallError),
-}
-
-/// A sequence under way, or the last one.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct SequenceShown {
-    /// Its goals in order.
-    pub steps: Vec<StepShown>,
-    /// Whether it is to end after the goal that it is at.
-    pub ending: bool,
-    /// Whether it has ended: nothing of it moves any more.
-    pub ended: bool,
-}
-
-/// A goal of a sequence.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StepShown {
-    /// The object, by its id in the first view.
-    pub query: u16,
-    /// What is to hold, ids as in the first view.
-    pub goal: Vec<GoalTerm>,
-    /// How far it is.
-    pub stage: GoalStage,
-    /// Each term by rule on the view after it; empty before.
-    pub holds: Vec<bool>,
-    /// The result, and changes to anything else, in sentences; empty before.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub said: Vec<String>,
-    /// Why it ended without its goal.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub error: Option<CallError>,
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -449,44 +356,6 @@ mod tests {
         assert_eq!(watch.ask.needs(), Role::Viewer);
         assert_eq!(read(r#"{"id": 4, "ask": "reset", "robot": "panda"}"#).expect("a request").ask.needs(), Role::Operator);
         assert!(read(r#"{"id": 5, "ask": "dance"}"#).is_err_and(|e| e.message.contains("dance")));
-    }
-
-    #[test]
-    fn a_sequence_that_is_to_end_is_under_way_until_it_has_ended() {
-        let doing = |ending, ended| {
-            let sequence = Some(SequenceShown { steps: Vec::new(), ending, ended });
-            Activity { sequence, ..Activity::default() }.under_way()
-        };
-        assert_eq!((doing(false, false), doing(true, false), doing(true, true)), (Some("a sequence"), Some("a sequence"), None));
-    }
-
-    #[test]
-    fn a_motion_that_is_refused_for_another_leaves_that_one_to_be_seen() {
-        let motion = |id: &str| ExecutionShown {
-            id: id.to_owned(),
-            robot: "panda".to_owned(),
-            query: 1,
-            phases: vec!["approach".to_owned(), "grasp".to_owned()],
-            phase: 0,
-            ended: None,
-            said: Vec::new(),
-        };
-        let mut activity = Activity::default();
-        let seen = |activity: &Activity| activity.execution.as_ref().map(|e| (e.id.clone(), e.phase, e.ended.is_some()));
-        let (mut first, mut second) = (motion("first"), motion("second"));
-        activity.show_execution(&first, false);
-        activity.show_execution(&second, false);
-        second.ended = Some(ExecutionEnded::Error(CallError::precondition("another is under way")));
-        activity.show_execution(&second, false);
-        first.phase = 1;
-        activity.show_execution(&first, false);
-        assert_eq!(seen(&activity), Some(("first".to_owned(), 1, false)), "it still moves");
-        // One that motion has taken is shown, and no other's progress or end is taken for its own.
-        let third = motion("third");
-        activity.show_execution(&third, true);
-        first.ended = Some(ExecutionEnded::Error(CallError::precondition("the first was stopped")));
-        activity.show_execution(&first, false);
-        assert_eq!(seen(&activity), Some(("third".to_owned(), 0, false)));
     }
 
     #[test]

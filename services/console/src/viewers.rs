@@ -183,6 +183,13 @@ impl Outbox {
         self.changed.notify_one();
     }
 
+    /// What waits of some topics, in its order and whatever the pace, for a reader that is let go with it; the rest is dropped.
+    pub fn last_words(&self, are_of: impl Fn(&Topic) -> bool) -> Vec<ViewerMessage> {
+        let closed = Waiting { is_closed: true, ..Waiting::default() };
+        let Waiting { order, mut newest, .. } = std::mem::replace(&mut *self.waiting(), closed);
+        order.iter().filter(|topic| are_of(topic)).filter_map(|topic| newest.remove(topic)).collect()
+    }
+
     /// How many messages were dropped for newer ones.
     pub fn replaced(&self) -> u64 {
         self.replaced.load(Ordering::Relaxed)
@@ -317,6 +324,21 @@ mod tests {
         assert_eq!(next(&outbox).await, None);
         outbox.put(Topic::Picture, text("picture"));
         assert!(outbox.waiting().newest.is_empty());
+    }
+
+    #[tokio::test]
+    async fn the_last_words_wait_for_no_pace_and_nothing_comes_after_them() {
+        let outbox = Outbox::paced();
+        outbox.put(Topic::System, text(&" ".repeat(1 << 20)));
+        while outbox.waiting().take().is_some() {}
+        outbox.put(Topic::Robot("panda".into()), text("state"));
+        outbox.put(Topic::Activity, text("ended"));
+        outbox.put(Topic::Answer(1), text("answer"));
+        let last = outbox.last_words(|topic| !matches!(topic, Topic::Robot(_)));
+        let said = |message: &ViewerMessage| String::from_utf8_lossy(&message.bytes()).into_owned();
+        assert_eq!(last.iter().map(said).collect::<Vec<_>>(), ["ended", "answer"]);
+        outbox.put(Topic::Activity, text("later"));
+        assert_eq!(next(&outbox).await, None);
     }
 
     #[tokio::test]

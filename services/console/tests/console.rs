@@ -333,7 +333,7 @@ async fn with_tokens_only_those_who_show_one_look_and_each_does_what_its_role_ma
 
 #[tokio::test(flavor = "multi_thread")]
 async fn pages_are_let_go_when_the_console_ends_and_counted_while_it_runs() {
-    let console = start(ConsoleConfig { max_viewers: 1, ..ConsoleConfig::default() }).await;
+    let mut console = start(ConsoleConfig { max_viewers: 1, ..ConsoleConfig::default() }).await;
     let mut first = socket(console.address, &[]).await.expect("a socket");
     heard(&mut first, |m| m["kind"] == "welcome").await;
     // Not by the status of the upgrade, which browsers keep from the page.
@@ -351,6 +351,7 @@ async fn pages_are_let_go_when_the_console_ends_and_counted_while_it_runs() {
         false
     };
     assert!(tokio::time::timeout(WITHIN, last).await.expect("in time"), "the socket is closed with a word");
+    console.ended().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

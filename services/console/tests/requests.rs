@@ -1,26 +1,31 @@
-//! What a viewer asks while something else goes on: another cell chosen meanwhile, a sequence that is to end, an arm that nobody sees.
+//! What a viewer asks while something else goes on: another cell chosen meanwhile, a sequence or a console that is to end, an arm that nobody sees.
 
 mod serving;
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use futures::StreamExt;
 use repose_console::ConsoleConfig;
 use repose_made_scenes::SceneBuilder;
-use repose_proto::motion::{ExecutionOutcome, MotionPlan, MotionPlanRequest, RecoverReply, RecoverRequest};
+use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest, Phase, RecoverReply, RecoverRequest};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, Frame, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_runtime::{Call, Handler, Server, Session, Traffic, now_ns};
 use serde_json::{Value, json};
-use serving::{Running, Socket, WITHIN, ask, heard, robot, socket, start};
+use serving::{Running, Socket, WITHIN, ask, heard, robot, socket, start, start_draining};
 use tokio::sync::Notify;
+use tokio_tungstenite::tungstenite::Message;
 
 /// A cell of a few lines: what its camera sees, and what its services were asked.
 #[derive(Default)]
 struct World {
     seen: Mutex<Option<Scene>>,
     asked: Mutex<Vec<(String, Value)>>,
-    /// Tells that the planner or motion has been asked for a place or a plan, which waits for [`World::may_answer`].
+    /// Whether the planner finds a place.
+    has_places: AtomicBool,
+    /// Tells that the planner or motion has been asked for a place, a plan or its execution, which waits for [`World::may_answer`].
     has_begun: Notify,
     may_answer: Notify,
 }
@@ -75,7 +80,8 @@ impl Handler for Worker {
                 self.0.waited().await;
                 let result: PlaceResult =
                     serde_json::from_str(include_str!("../../../proto/tests/golden/PlaceResult.v1.third.json")).expect("a result");
-                Payload::json(&PlaceResult { placements: Vec::new(), query: request.query, goal: request.goal, ..result })
+                let placements = if self.0.has_places.load(Ordering::Relaxed) { result.placements.clone() } else { Vec::new() };
+                Payload::json(&PlaceResult { placements, query: request.query, goal: request.goal, ..result })
             }
             "plan" => {
                 let request: MotionPlanRequest = call.payload.decode_json()?;
@@ -84,6 +90,11 @@ impl Handler for Worker {
                     serde_json::from_str(include_str!("../../../proto/tests/golden/MotionPlan.v1.json")).expect("a plan");
                 let (scene_id, robot) = (request.scene.scene_id, request.robot);
                 Payload::json(&MotionPlan { scene_id, robot, query: request.query, placement: 0, not_chosen: Vec::new(), ..plan })
+            }
+            "execute" => {
+                self.0.waited().await;
+                let (outcome, phase, joints_rad) = (ExecutionOutcome::Done, Phase::Home, repose_panda::READY);
+                Payload::json(&ExecuteReply { outcome, phase, reason: None, joints_rad })
             }
             "recover" => {
                 let checked_against = call.payload.decode_json::<RecoverRequest>()?.scene.map(|named| named.scene_id);
@@ -106,7 +117,12 @@ async fn serve(session: &Session) -> (Arc<World>, Vec<Server>) {
 
 /// A console on a cell whose services and robot are there, for as long as the first is kept; the cell; a viewer.
 async fn working_cell() -> ((Running, Vec<Server>), Arc<World>, Socket) {
-    let console = start(ConsoleConfig::default()).await;
+    working_cell_draining(WITHIN).await
+}
+
+/// The same with a console that waits so long for moves, when it is to end.
+async fn working_cell_draining(drain: Duration) -> ((Running, Vec<Server>), Arc<World>, Socket) {
+    let console = start_draining(ConsoleConfig::default(), drain).await;
     let (world, servers) = serve(&console.session).await;
     robot(&console.session).await;
     let viewer = socket(console.address, &[]).await.expect("a socket");
@@ -122,6 +138,46 @@ async fn answered(viewer: &mut Socket, request: Value) -> Value {
 
 async fn begun(world: &World) {
     tokio::time::timeout(WITHIN, world.has_begun.notified()).await.expect("begun in time");
+}
+
+/// A request for a sequence of two goals.
+fn sequence(id: u64, scene_id: &str) -> Value {
+    let terms = json!([{"relation": "left_of", "anchor": 2, "holds": true}]);
+    let goal = json!({"scene": {"scene_id": scene_id}, "query": 1, "goal": terms});
+    json!({"id": id, "ask": "sequence", "scene_id": scene_id, "robot": "panda", "goals": [goal, goal]})
+}
+
+/// Begins a sequence, whose first motion is under way then; the scene that its goals are about.
+async fn sequence_that_moves(world: &World, viewer: &mut Socket) -> String {
+    world.has_places.store(true, Ordering::Relaxed);
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    answered(viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    heard(viewer, |m| m["kind"] == "robot").await;
+    assert_eq!(answered(viewer, sequence(2, &scene_id)).await["kind"], "answer");
+    for _place_then_plan in 0..2 {
+        begun(world).await;
+        world.may_answer.notify_one();
+    }
+    begun(world).await;
+    assert_eq!(world.times("execute"), 1);
+    scene_id
+}
+
+/// Until the console has closed a socket with a word; all that was told before.
+async fn last_words(viewer: &mut Socket) -> Vec<Value> {
+    let mut told = Vec::new();
+    let hearing = async {
+        while let Some(Ok(message)) = viewer.next().await {
+            match message {
+                Message::Text(text) => told.push(serde_json::from_str(&text).expect("JSON")),
+                Message::Close(word) => return word.is_some_and(|word| word.reason.contains("ending")),
+                _ => {}
+            }
+        }
+        false
+    };
+    assert!(tokio::time::timeout(WITHIN, hearing).await.expect("heard in time"), "it is closed with a word");
+    told
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -244,9 +300,7 @@ async fn a_sequence_that_is_to_end_keeps_its_cell_until_it_has() {
     let (_console, world, mut viewer) = working_cell().await;
     let scene_id = world.sees(WorldFrame::Extrinsics);
     answered(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
-    let terms = json!([{"relation": "left_of", "anchor": 2, "holds": true}]);
-    let goal = json!({"scene": {"scene_id": scene_id}, "query": 1, "goal": terms});
-    let sequence = |id: u64| json!({"id": id, "ask": "sequence", "scene_id": scene_id, "robot": "panda", "goals": [goal, goal]});
+    let sequence = |id: u64| sequence(id, &scene_id);
     let first = answered(&mut viewer, sequence(2)).await;
     assert_eq!(first["kind"], "answer", "{first}");
     begun(&world).await;
@@ -259,6 +313,64 @@ async fn a_sequence_that_is_to_end_keeps_its_cell_until_it_has() {
     heard(&mut viewer, |m| m["kind"] == "activity" && m["sequence"]["ended"] == true).await;
     assert_eq!(world.times("place"), 1, "the goal after the one that it was to end at was not asked for");
     assert_eq!(answered(&mut viewer, sequence(5)).await["kind"], "answer");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_console_that_is_to_end_brings_the_move_under_way_to_its_end_and_begins_no_other() {
+    let ((mut console, _servers), world, mut viewer) = working_cell().await;
+    let scene_id = sequence_that_moves(&world, &mut viewer).await;
+    console.shutdown.trigger();
+    let ending = heard(&mut viewer, |m| m["kind"] == "activity" && m["sequence"]["ending"] == true).await;
+    assert_eq!(ending["sequence"]["ended"], false, "{ending}");
+    let recover = json!({"id": 3, "ask": "recover", "robot": "panda", "move": "open"});
+    for another in [recover, sequence(4, &scene_id)] {
+        let refused = answered(&mut viewer, another).await;
+        assert_eq!(refused["error"]["code"], "unavailable", "{refused}");
+    }
+    assert!(!console.serving.is_finished(), "the robot is on its way");
+    world.may_answer.notify_one();
+    let told = last_words(&mut viewer).await;
+    let activity = told.iter().rfind(|m| m["kind"] == "activity").expect("how it has ended");
+    assert_eq!(activity["execution"]["ended"]["outcome"]["outcome"], "done", "{activity}");
+    let sequence = &activity["sequence"];
+    assert_eq!((&sequence["ended"], &sequence["steps"][1]["stage"]), (&json!(true), &json!("waiting")), "{activity}");
+    console.ended().await;
+    assert_eq!((world.times("place"), world.times("execute"), world.times("recover")), (1, 1, 0), "nothing was begun");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_console_that_may_not_wait_says_on_its_pages_what_it_leaves_undone() {
+    let ((mut console, _servers), world, mut viewer) = working_cell_draining(Duration::ZERO).await;
+    sequence_that_moves(&world, &mut viewer).await;
+    console.shutdown.trigger();
+    let told = last_words(&mut viewer).await;
+    let activity = told.iter().rfind(|m| m["kind"] == "activity").expect("how it has ended");
+    let (execution, sequence) = (&activity["execution"]["ended"]["error"], &activity["sequence"]);
+    assert_eq!((&execution["code"], &sequence["ended"]), (&json!("unavailable"), &json!(true)), "{activity}");
+    let [first, second] = [0, 1].map(|k: usize| &sequence["steps"][k]);
+    assert_eq!((&first["stage"], &first["error"], &second["stage"]), (&json!("failed"), execution, &json!("waiting")), "{activity}");
+    console.ended().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_asked_for_a_motion_has_its_answer_before_the_console_ends() {
+    let ((mut console, _servers), world, mut viewer) = working_cell().await;
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    heard(&mut viewer, |m| m["kind"] == "robot").await;
+    let placements = [[1., 0., 0., 0.1, 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]];
+    ask(&mut viewer, json!({"id": 2, "ask": "plan", "scene_id": scene_id, "robot": "panda", "query": 1, "placements": placements})).await;
+    begun(&world).await;
+    world.may_answer.notify_one();
+    let planned = heard(&mut viewer, |m| m["id"] == 2).await;
+    ask(&mut viewer, json!({"id": 3, "ask": "execute", "plan": planned["result"]["plan"]})).await;
+    begun(&world).await;
+    console.shutdown.trigger();
+    world.may_answer.notify_one();
+    let told = last_words(&mut viewer).await;
+    let answer = told.iter().find(|m| m["id"] == 3).expect("an answer");
+    assert_eq!((&answer["kind"], &answer["result"]["outcome"]), (&json!("answer"), &json!("done")), "{answer}");
+    console.ended().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -1,5 +1,7 @@
 //! `repose serve`: one service, or the router, as this process.
 
+use std::time::Duration;
+
 use clap::Args;
 use repose_console::ConsoleError;
 use repose_proto::{CallError, ErrorCode, Service};
@@ -69,10 +71,12 @@ pub async fn run(args: &ServeArgs) -> CommandResult {
     match args.service {
         Served::Router => Ok(run_router(router_config(&args.system)?, shutdown).await?),
         Served::Console => {
-            let config = ServiceConfigs::load(args.system.config.as_deref())?.console;
-            let session = Session::open(client_config(&args.system)?).await?;
+            let console = ServiceConfigs::load(args.system.config.as_deref())?.console;
+            let config = client_config(&args.system)?;
+            let drain = Duration::from_millis(config.worker.drain_ms);
+            let session = Session::open(config).await?;
             let _health = HealthServer::of(&session, false).await?;
-            let served = repose_console::run(session.clone(), config, shutdown).await;
+            let served = repose_console::run(session.clone(), console, drain, shutdown).await;
             client::close(session).await;
             served.map_err(|e| match e {
                 ConsoleError::Config { field, .. } => Failure::bad_input(&format!("console.{field}"), e),

@@ -110,7 +110,8 @@ export class Motion {
       this.#fault = this.#recovered = undefined;
       this.render();
       this.#recovered = { robot, move, ...await this.actions.recover(robot, move, unchecked) };
-      this.#fault = this.#recovered.refusal;
+      // Another robot may be shown by now, whose fault it is not.
+      if (this.#robot?.robot === robot) this.#fault = this.#recovered.refusal;
       this.#isRecovering = false;
       this.render();
     };

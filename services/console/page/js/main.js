@@ -35,11 +35,20 @@ let asked, planning;
 let toldOf, watches = 0;
 /** How often an answer was cleared: one that comes after that is of a goal of before. */
 let cleared = 0;
-/** Whether the places that are shown are those of a motion that this page has begun: they go with its end. */
-let isCarriedOut = false;
+/** The plan that this page has begun to carry out and whose places are still shown: they go with its end. */
+let carriedOut;
 /** Since when a camera is looked for. */
 let watchedAt;
 const robots = new Map();
+
+/** Makes of a function one that does nothing once what `chosen()` gives is another than it is now: what is answered about one cell or robot changes nothing
+ *  of what is shown of the next. */
+const whileChosen = (chosen) => (then) => {
+  const asked = String(chosen());
+  return (told) => (String(chosen()) === asked ? then(told) : undefined);
+};
+const ofCell = whileChosen(() => [cell]), ofRobot = whileChosen(() => [cell, robot]);
+const rejected = (refusal) => { throw refusal; };
 
 // The console. First, so that it answers while the parts are made.
 
@@ -47,7 +56,7 @@ const connection = new Connection(heard, (state, reason) => {
   byId("link").className = `link ${state}`;
   byId("link").lastElementChild.textContent = { live: "Live", lost: "Connection lost", full: "Full", token: "Signed out" }[state];
   document.body.classList.toggle("stale", state !== "live");
-  if (state === "lost") notice({ message: "The connection to the console is lost. Trying again; what is shown may be out of date." }, "bad");
+  if (state === "lost") notice({ message: `The connection to the console is lost${reason ? `: ${reason}` : ""}. Trying again; what is shown may be out of date.` }, "bad");
   if (state === "full") notice({ message: `Not connected: ${reason || "as many pages are open as this console serves"}. Trying again; what is shown may be out of date.` }, "bad");
   if (state === "token") askForToken((token) => connection.signIn(token));
 });
@@ -70,10 +79,11 @@ const placements = new Placements(byId("answers"), { lit, reason: (reason) => wo
 const motion = new Motion(byId("motion"), { execute, reset, recover, preview: (t) => world.previewAt(t) });
 const arrangement = new Arrangement(byId("arrangement"), {
   ask: (request) => connection.ask("arrange", { request }), cancel: (request) => connection.cancel(request),
-  run: (request) => connection.ask("bring_about", { robot, request }).then(() => { sequence.clear(); goal.clear(); release(); }), end: () => connection.ask("end_sequence").catch((refusal) => notice(refusal, "bad")),
+  run: (request) => connection.ask("bring_about", { robot, request }).then(ofCell(() => { sequence.clear(); goal.clear(); release(); }), ofCell(rejected)),
+  end: () => connection.ask("end_sequence").catch(ofCell((refusal) => notice(refusal, "bad"))),
 });
-const sequence = new Sequence(byId("sequence"), { run: runSequence, arrange: (goals) => arrangement.find(goals), end: () => connection.ask("end_sequence").catch((refusal) => sequence.fault(refusal)) });
-const system = new System(byId("system"), { stop, newScene: (seed) => connection.ask("new_scene", { seed }).then(() => release(), (refusal) => notice(refusal, "bad")) });
+const sequence = new Sequence(byId("sequence"), { run: runSequence, arrange: (goals) => arrangement.find(goals), end: () => connection.ask("end_sequence").catch(ofCell((refusal) => sequence.fault(refusal))) });
+const system = new System(byId("system"), { stop, newScene: (seed) => connection.ask("new_scene", { seed }).then(ofCell(() => release()), ofCell((refusal) => notice(refusal, "bad"))) });
 
 function lit(rank) {
   placements.lit(rank);
@@ -123,7 +133,7 @@ function welcomed(welcome) {
   if (motion.isMoving || sequence.isUnderWay || arrangement.isUnderWay) heardOfActivity({});
   // The scenes of before are kept for a while.
   const released = () => { release(); notice({ message: "The held picture is known no longer: choose the goal again." }); };
-  watch().then((isWatched) => isWatched && isHeld && connection.ask("hold", { scene_id: scene.id }).catch(released));
+  watch().then((isWatched) => isWatched && isHeld && connection.ask("hold", { scene_id: scene.id }).catch(ofCell(released)));
 }
 
 /** Looks at the chosen cell and camera; whether that is so. */
@@ -248,7 +258,7 @@ function goalChanged() {
 function hold() {
   isHeld = true;
   drawSeen();
-  connection.ask("hold", { scene_id: scene.id }).catch((refusal) => notice(refusal));
+  connection.ask("hold", { scene_id: scene.id }).catch(ofCell((refusal) => notice(refusal)));
   showHeld();
 }
 
@@ -269,10 +279,10 @@ function segment(pixel) {
   segment.pixel = pixel;
   notice({ message: "Looking for an object there …" });
   // Its answer says that it was found; the scene that it is in, which is larger, may come after that.
-  connection.ask("segment", { scene_id: scene.id, pixel }).catch((refusal) => {
+  connection.ask("segment", { scene_id: scene.id, pixel }).catch(ofCell((refusal) => {
     segment.isAsking = false;
     notice(refusal, "bad");
-  });
+  }));
 }
 
 /** Takes the scene in which perception has looked for an object: what was picked is found in it by where it is. */
@@ -314,7 +324,7 @@ function giveUp() {
 
 function clearAnswer() {
   cleared++;
-  isCarriedOut = false;
+  carriedOut = undefined;
   giveUp();
   placements.clear();
   world.showPlacements(0, []);
@@ -358,20 +368,20 @@ async function planMotion() {
   const placed = placements.answer?.placed;
   if (planning || !placed?.placements.length) return;
   if (!robot) return placements.fault({ code: "unavailable", message: "No robot tells its state in this cell." });
-  const turn = cleared;
+  const turn = cleared, isWanted = ofRobot(() => turn === cleared);
   placements.planning(true);
   const answer = connection.ask("plan", {
     scene_id: placed.scene_id, robot, query: placed.query, placements: placed.placements.map((p) => p.placed_from_observed), seed: placed.seed });
   planning = answer.id;
   try {
     const { plan } = await answer;
-    // The goal was changed while the motion was planned: that one is nobody's.
-    if (turn !== cleared) return void connection.ask("discard", { plan }).catch(() => {});
+    // The goal was changed while the motion was planned, or another robot was chosen: that one is nobody's.
+    if (!isWanted()) return void connection.ask("discard", { plan }).catch(() => {});
     myPlan = plan;
     motion.mine(hadPlan?.plan === myPlan);
     placements.planned(hadPlan?.plan === myPlan ? hadPlan : undefined);
   } catch (refusal) {
-    if (turn === cleared) placements.fault(refusal);
+    if (isWanted()) placements.fault(refusal);
   } finally {
     planning = undefined;
   }
@@ -393,13 +403,14 @@ function execute() {
   myPlan = undefined;
   motion.fault();
   // Only the page that asked has this answer: whoever else looks keeps goal and places.
-  connection.ask("execute", { plan }).catch((refusal) => motion.fault(refusal)).finally(() => isCarriedOut && clearAnswer());
+  connection.ask("execute", { plan }).catch(ofRobot((refusal) => motion.fault(refusal))).finally(() => carriedOut === plan && clearAnswer());
+  carriedOut = plan;
   follow();
 }
 
 /** The picture is live while the robot moves; the ghosts stay to compare with. The goal does not: its ids are those of the picture that is let go of. */
 function follow() {
-  [isHeld, isCarriedOut] = [false, true];
+  isHeld = false;
   goal.forget();
   picture.mark(goal.marks);
   world.mark(goal.marks);
@@ -434,7 +445,13 @@ function forgetRobots(known) {
   }
   if (!gone.some(({ robot: name }) => name === robot)) return;
   [robot] = [...robots.keys()].sort();
-  // What is carried out next is of this one.
+  robotChosen();
+}
+
+/** What is planned and carried out from here on is of the robot that was chosen. */
+function robotChosen() {
+  if (planning) connection.cancel(planning);
+  placements.planning(false);
   discard();
   motion.fault();
   chosenShown();
@@ -460,18 +477,17 @@ function stop() {
 /** Clears the stop that is shown, and none that has latched since. */
 function reset(name, shown) {
   motion.fault();
-  connection.ask("reset", { robot: name, stop: shown }).catch((refusal) => motion.fault(refusal));
+  connection.ask("reset", { robot: name, stop: shown }).catch(ofRobot((refusal) => motion.fault(refusal)));
 }
 
 /** Brings an arm back; what is said of it, or the refusal. Neither is of a cell that was chosen meanwhile. */
 async function recover(name, move, unchecked) {
-  const begunIn = cell, answered = connection.ask("recover", { robot: name, move, unchecked });
-  const ended = await answered.then((answer) => recovered(move, answer), (refusal) => ({ refusal }));
-  return begunIn === cell ? ended : {};
+  const answered = connection.ask("recover", { robot: name, move, unchecked });
+  return await answered.then(ofCell((answer) => recovered(move, answer)), ofCell((refusal) => ({ refusal }))) ?? {};
 }
 
 function runSequence(goals) {
-  return connection.ask("sequence", { scene_id: goals[0].scene.scene_id, robot, goals }).then(() => { goal.clear(); release(); });
+  return connection.ask("sequence", { scene_id: goals[0].scene.scene_id, robot, goals }).then(ofCell(() => { goal.clear(); release(); }), ofCell(rejected));
 }
 
 function lookThrough(name) {
@@ -514,10 +530,7 @@ byId("cell").addEventListener("change", ({ target }) => {
 byId("camera").addEventListener("change", ({ target }) => lookThrough(target.value));
 byId("robot").addEventListener("change", ({ target }) => {
   robot = target.value;
-  // What is carried out next is of this one.
-  discard();
-  motion.fault();
-  chosenShown();
+  robotChosen();
 });
 
 fill(byId("layers"), Object.entries(LAYERS).map(([name, text]) => el("button", { type: "button", textContent: text, "aria-pressed": "true", onclick: ({ currentTarget }) => {

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use repose_executive::arrangement::{ArrangementReport, News, bring_about};
+use repose_executive::arrangement::{ArrangementEnd, ArrangementReport, News, bring_about};
 use repose_proto::{ArrangeRequest, CallError, Message as _, Payload, Scene, Service};
 use repose_runtime::CallOptions;
 use repose_tracking::Known;
@@ -37,7 +37,8 @@ pub async fn asked(
 /// Begins to bring goals about.
 ///
 /// # Errors
-/// `invalid_argument` on the field at fault, `not_found` on an object that the view lacks, `failed_precondition` when something else is carried out.
+/// `invalid_argument` on the field at fault, `not_found` on an object that the view lacks, `failed_precondition` when something else is carried out,
+/// `unavailable` when the console is ending.
 pub fn begin(
     cell: Arc<WatchedCell>,
     camera: Arc<Camera>,
@@ -51,6 +52,7 @@ pub fn begin(
     for (i, goal) in request.goals.iter().enumerate() {
         known.translated(&format!("goals[{i}]"), goal.object, &goal.terms)?;
     }
+    let under_way = cell.moves().begin()?;
     let shown = ArrangementShown::of(&request.goals);
     cell.begin(|activity| activity.arrangement = Some(shown))?;
     let (deadline, attempts) = (Duration::from_millis(config.request_deadline_ms), config.attempts);
@@ -67,6 +69,7 @@ pub fn begin(
             bring_about(site, Some(&scene), request, attempts, told).await
         };
         to_its_end(&cell, bringing).await;
+        drop(under_way);
     });
     Ok(Answered::Done {})
 }
@@ -76,8 +79,17 @@ pub fn begin(
 async fn to_its_end(cell: &WatchedCell, bringing: impl Future<Output = Result<ArrangementReport, CallError>> + Send + 'static) {
     let lost = |e| Err(CallError::internal(format!("the arrangement was lost: {e}")));
     match tokio::spawn(bringing).await.unwrap_or_else(lost) {
-        Ok(told) => cell.update_arrangement(|shown| shown.ended(told)),
-        Err(error) => cell.update_arrangement(|shown| shown.failed(error)),
+        Ok(told) => {
+            if told.ended != ArrangementEnd::Achieved {
+                let (achieved, wanted, why) = (told.achieved, told.wanted, told.why.as_deref());
+                tracing::warn!(cell = cell.name(), achieved, wanted, why, "an arrangement has ended before all of its goals were achieved");
+            }
+            cell.update_arrangement(|shown| shown.ended(told));
+        }
+        Err(error) => {
+            tracing::warn!(cell = cell.name(), %error, "an arrangement has ended without a word of what it has achieved");
+            cell.update_arrangement(|shown| shown.failed(error));
+        }
     }
 }
 
@@ -92,6 +104,7 @@ mod tests {
     use repose_runtime::Session;
 
     use super::*;
+    use crate::moves::Moves;
 
     async fn faulty() -> Result<ArrangementReport, CallError> {
         panic!("a fault in what brings it about")
@@ -100,7 +113,7 @@ mod tests {
     #[tokio::test(flavor = "multi_thread")]
     async fn an_arrangement_that_is_lost_has_ended_and_leaves_its_cell_to_the_next() {
         let session = Session::embedded().await.expect("a session");
-        let cell = WatchedCell::follow(&session, "cell", Arc::new(ConsoleConfig::default())).await.expect("a cell");
+        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::default()).await.expect("a cell");
         let begin = || cell.begin(|activity| activity.arrangement = Some(ArrangementShown::of(&[])));
         begin().expect("nothing is under way");
         assert!(begin().is_err(), "one at a time");

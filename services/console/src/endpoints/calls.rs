@@ -12,9 +12,9 @@ use repose_proto::{CallError, Message as _, Payload, Scene, Service};
 use repose_runtime::{Answer, CallOptions, call_moving, robot_state};
 use tokio::sync::mpsc;
 
+use crate::activity::{ExecutionEnded, ExecutionShown};
 use crate::arm::{PlanShown, world_from_base};
 use crate::cell::WatchedCell;
-use crate::messages::{ExecutionEnded, ExecutionShown};
 
 /// Progress that may wait; what does not fit is dropped.
 const PROGRESS: usize = 16;

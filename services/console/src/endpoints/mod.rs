@@ -5,6 +5,7 @@
 mod arrangement;
 mod calls;
 mod cells;
+mod ending;
 mod planned;
 mod refusal;
 mod requests;
@@ -27,6 +28,7 @@ use axum::routing::{get, post};
 use repose_proto::CallError;
 use repose_runtime::Shutdown;
 
+pub use self::ending::end;
 use self::refusal::refused;
 pub use self::state::AppState;
 use crate::access::COOKIE;

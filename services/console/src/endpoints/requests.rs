@@ -18,6 +18,7 @@ use super::state::AppState;
 use crate::access::Role;
 use crate::cell::{Camera, WatchedCell};
 use crate::messages::{Answered, Ask, DrawnMessage, Request, ServerMessage};
+use crate::moves::UnderWay;
 use crate::view::SceneView;
 use crate::viewers::{Outbox, Topic, ViewerMessage};
 
@@ -108,25 +109,10 @@ impl Viewer {
             return self.outbox.put(Topic::Answer(id), ServerMessage::Answer { id, result: Box::new(Answered::Done {}) }.encode());
         }
         let cancel = CancellationToken::new();
-        let refusal = {
-            let mut eyes = self.eyes();
-            match self.role.check(ask.needs()) {
-                Ok(()) if eyes.open.len() >= MAX_OPEN => Some(busy(MAX_OPEN)),
-                Ok(()) if eyes.open.contains_key(&id) => Some(CallError::invalid("id", format!("request {id} is open already"))),
-                Ok(()) => {
-                    eyes.open.insert(id, cancel.clone());
-                    // Noted here, in the order in which they come: the tasks below run in any.
-                    if matches!(ask, Ask::Watch { .. }) {
-                        eyes.wanted = Some(id);
-                    }
-                    None
-                }
-                Err(error) => Some(error),
-            }
+        let under_way = match self.admit(id, &ask, cancel.clone()) {
+            Ok(under_way) => under_way,
+            Err(error) => return self.outbox.put(Topic::Answer(id), ServerMessage::Refused { id, error }.encode()),
         };
-        if let Some(error) = refusal {
-            return self.outbox.put(Topic::Answer(id), ServerMessage::Refused { id, error }.encode());
-        }
         let viewer = self.clone();
         tokio::spawn(async move {
             let answered = viewer.carry_out(id, ask, cancel).await;
@@ -136,7 +122,28 @@ impl Viewer {
                 Err(error) => ServerMessage::Refused { id, error },
             };
             viewer.outbox.put(Topic::Answer(id), told.encode());
+            // Only here: a console that is to end says its last words then.
+            drop(under_way);
         });
+    }
+
+    /// Takes a request among the open ones, and a robot's move as one under way.
+    fn admit(&self, id: u64, ask: &Ask, cancel: CancellationToken) -> Result<Option<UnderWay>, CallError> {
+        self.role.check(ask.needs())?;
+        let mut eyes = self.eyes();
+        if eyes.open.len() >= MAX_OPEN {
+            return Err(busy(MAX_OPEN));
+        }
+        if eyes.open.contains_key(&id) {
+            return Err(CallError::invalid("id", format!("request {id} is open already")));
+        }
+        let under_way = ask.moves_until_answered().then(|| self.state.moves.begin()).transpose()?;
+        eyes.open.insert(id, cancel);
+        // Noted here, in the order in which they come: their tasks run in any.
+        if matches!(ask, Ask::Watch { .. }) {
+            eyes.wanted = Some(id);
+        }
+        Ok(under_way)
     }
 
     async fn carry_out(self: &Arc<Self>, id: u64, ask: Ask, cancel: CancellationToken) -> Result<Answered, CallError> {

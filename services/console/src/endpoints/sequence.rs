@@ -11,8 +11,9 @@ use repose_proto::{CallError, Message as _, PlaceRequest, Scene};
 use repose_tracking::Known;
 
 use crate::ConsoleConfig;
+use crate::activity::{SequenceShown, StepShown};
 use crate::cell::{Camera, WatchedCell};
-use crate::messages::{Answered, SequenceShown, StepShown};
+use crate::messages::Answered;
 use crate::stage::GoalStage;
 
 use super::site::PageSite;
@@ -23,7 +24,8 @@ const MAX_GOALS: usize = 32;
 /// Begins a sequence.
 ///
 /// # Errors
-/// `invalid_argument` on the goal at fault, `not_found` on an object that the view lacks, `failed_precondition` when one is under way.
+/// `invalid_argument` on the goal at fault, `not_found` on an object that the view lacks, `failed_precondition` when one is under way, `unavailable` when
+/// the console is ending.
 pub fn begin(
     cell: Arc<WatchedCell>,
     camera: Arc<Camera>,
@@ -53,6 +55,7 @@ pub fn begin(
         said: Vec::new(),
         error: None,
     };
+    let (under_way, wanted) = (cell.moves().begin()?, goals.len());
     let shown = SequenceShown { steps: goals.iter().map(step).collect(), ending: false, ended: false };
     cell.begin(|activity| activity.sequence = Some(shown))?;
     let (deadline, attempts) = (Duration::from_millis(config.request_deadline_ms), config.attempts);
@@ -65,7 +68,16 @@ pub fn begin(
             cell.update_step(|step| (step.stage, step.error) = (GoalStage::Failed, error));
         }
         // Only here: until then the robot may move for it, and nothing else of several moves may begin.
-        cell.update(|activity| activity.sequence.iter_mut().for_each(|s| s.ended = true));
+        let mut open = 0;
+        cell.update(|activity| {
+            if let Some(sequence) = &mut activity.sequence {
+                (sequence.ended, open) = (true, sequence.open_goals());
+            }
+        });
+        if open > 0 {
+            tracing::warn!(cell = cell.name(), open, wanted, "a sequence has ended before all of its goals were achieved");
+        }
+        drop(under_way);
     });
     Ok(Answered::Done {})
 }

@@ -114,6 +114,8 @@ impl Site for PageSite {
     }
 
     async fn moving(&mut self, method: &str, payload: Payload, plan: Option<&MotionPlan>) -> Result<Answer, CallError> {
+        // What this belongs to is waited for by a console that is to end, and begins no other move.
+        self.cell.moves().check()?;
         match plan {
             Some(plan) => execute(&self.cell, uuid::Uuid::new_v4().to_string(), plan).await,
             None => moving(&self.cell, method, payload, None).await,
@@ -149,7 +151,7 @@ impl Site for PageSite {
                 ShownIn::Arrangement => activity.arrangement.as_ref().is_some_and(|a| !a.ending),
             };
         });
-        goes_on
+        goes_on && !self.cell.moves().are_ending()
     }
 }
 
@@ -159,7 +161,7 @@ mod tests {
     use repose_runtime::{Call, Handler, Session};
 
     use super::*;
-    use crate::ConsoleConfig;
+    use crate::moves::Moves;
     use crate::viewers::{Outbox, Outgoing, ViewerMessage};
 
     const PLAN: &str = include_str!("../../../../proto/tests/golden/MotionPlan.v1.json");
@@ -182,7 +184,7 @@ mod tests {
     #[tokio::test(flavor = "multi_thread")]
     async fn a_motion_that_was_not_carried_out_is_shown_no_longer_than_what_it_was_planned_for() {
         let session = Session::embedded().await.expect("a session");
-        let cell = WatchedCell::follow(&session, "cell", Arc::new(ConsoleConfig::default())).await.expect("a cell");
+        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::default()).await.expect("a cell");
         let plan: MotionPlan = serde_json::from_str(PLAN).expect("a plan");
         let shown = |id: &str| Arc::new(PlanShown::new(id.to_owned(), &plan, &Isometry3::identity()));
         let cell = Arc::new(cell);
@@ -210,7 +212,7 @@ mod tests {
     async fn a_robot_that_moves_takes_its_own_motion_to_come_from_the_pages_and_no_other_robots() {
         let session = Session::embedded().await.expect("a session");
         let motion = session.start(Service::Motion, Arc::new(Refusing)).await.expect("a worker");
-        let cell = WatchedCell::follow(&session, "cell", Arc::new(ConsoleConfig::default())).await.expect("a cell");
+        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::default()).await.expect("a cell");
         let plan: MotionPlan = serde_json::from_str(PLAN).expect("a plan");
         let of = |robot: &str| MotionPlan { robot: robot.to_owned(), ..plan.clone() };
         cell.show_plan(Arc::new(PlanShown::new("to come".to_owned(), &of("left"), &Isometry3::identity())));

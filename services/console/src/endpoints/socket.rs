@@ -1,7 +1,7 @@
 //! A viewer's WebSocket: requests in, messages out, until either side goes.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use axum::body::Bytes;
@@ -12,6 +12,7 @@ use axum::response::Response;
 use futures::stream::SplitSink;
 use futures::{SinkExt, StreamExt};
 use repose_runtime::Shutdown;
+use tokio::sync::watch;
 
 use super::requests::Viewer;
 use super::state::AppState;
@@ -24,6 +25,8 @@ use crate::viewers::{Outbox, Outgoing, Topic, ViewerMessage};
 const MAX_MESSAGE: usize = 256 * 1024;
 /// How often a silent viewer is asked whether it is there.
 const PING_EVERY: Duration = Duration::from_secs(5);
+/// How long it may take to take the last words.
+const GOODBYE_WITHIN: Duration = Duration::from_secs(1);
 /// How long a viewer may take to take a message, or to answer a ping, before it counts as gone.
 const GONE_AFTER: Duration = Duration::from_secs(20);
 /// In the query of the socket's address: the viewer says of every message that it has come, and joins those that come in parts.
@@ -69,19 +72,29 @@ fn places(max_viewers: usize, role: Role) -> usize {
 }
 
 /// One of the places that `max_viewers` gives.
-struct Place(Arc<AtomicUsize>);
+struct Place(watch::Sender<usize>);
 
 impl Place {
     fn take(state: &AppState, most: usize) -> Option<Self> {
-        let taken = state.open_viewers.fetch_update(Ordering::AcqRel, Ordering::Acquire, |open| (open < most).then_some(open + 1));
-        taken.is_ok().then(|| Self(state.open_viewers.clone()))
+        let is_taken = state.open_viewers.send_if_modified(|open| {
+            let is_free = *open < most;
+            *open += usize::from(is_free);
+            is_free
+        });
+        is_taken.then(|| Self(state.open_viewers.clone()))
     }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::AcqRel);
+        self.0.send_modify(|open| *open -= 1);
     }
+}
+
+/// Waits until every viewer that takes the last words has them.
+pub async fn goodbyes(state: &AppState) {
+    let mut open = state.open_viewers.subscribe();
+    drop(tokio::time::timeout(GOODBYE_WITHIN, open.wait_for(|open| *open == 0)).await);
 }
 
 async fn closed(mut socket: WebSocket, code: u16, reason: Utf8Bytes) {
@@ -140,19 +153,25 @@ async fn write(mut sink: SplitSink<WebSocket, Frame>, viewer: Arc<Viewer>, shutd
                 None => break,
             },
             _ = ping.tick() => Frame::Ping(Bytes::new()),
-            () = shutdown.requested() => {
-                let reason = Utf8Bytes::from_static("the console is ending");
-                // The last word: nobody waits for it longer than for any other.
-                let last = sink.send(Frame::Close(Some(CloseFrame { code: close_code::RESTART, reason })));
-                drop(tokio::time::timeout(Duration::from_secs(1), last).await);
-                return;
-            }
+            () = shutdown.requested() => return say_goodbye(sink, &viewer).await,
         };
         match tokio::time::timeout(GONE_AFTER, sink.send(frame)).await {
             Ok(Ok(())) => {}
             Ok(Err(_)) | Err(_) => return,
         }
     }
+}
+
+/// The last words to a viewer: what it was still to be told of what is carried out, the answers that are there, and that the console goes.
+async fn say_goodbye(mut sink: SplitSink<WebSocket, Frame>, viewer: &Viewer) {
+    let saying = async {
+        for message in viewer.outbox().last_words(|topic| matches!(topic, Topic::Activity | Topic::Answer(_))) {
+            sink.send(frame_of(Outgoing::Whole(message), viewer)).await?;
+        }
+        let reason = Utf8Bytes::from_static("the console is ending");
+        sink.send(Frame::Close(Some(CloseFrame { code: close_code::RESTART, reason }))).await
+    };
+    drop(tokio::time::timeout(GOODBYE_WITHIN, saying).await);
 }
 
 fn frame_of(message: Outgoing, viewer: &Viewer) -> Frame {

@@ -1,18 +1,19 @@
 //! What all requests share: the session, who may, and the cells that somebody looks at.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderValue, header};
 use repose_proto::CallError;
 use repose_runtime::Session;
-use tokio::sync::{Mutex, OnceCell};
+use tokio::sync::{Mutex, OnceCell, watch};
 
 use crate::ConsoleConfig;
 use crate::access::{Access, Role, token_in};
 use crate::cell::WatchedCell;
+use crate::moves::Moves;
 use crate::viewers::Audience;
 
 use super::cells::follow_cells;
@@ -26,11 +27,12 @@ pub struct AppState {
     pub(super) config: Arc<ConsoleConfig>,
     pub(super) access: Access,
     pub(super) over_tls: bool,
+    pub(super) moves: Moves,
     cells: Mutex<BTreeMap<String, Weak<WatchedCell>>>,
     everywhere: OnceCell<Arc<Audience>>,
     /// Whether the cell is followed for a page that was asked for.
     expects: AtomicBool,
-    pub(super) open_viewers: Arc<AtomicUsize>,
+    pub(super) open_viewers: watch::Sender<usize>,
     pub(super) next_viewer: AtomicU64,
 }
 
@@ -42,10 +44,11 @@ impl AppState {
             config: Arc::new(config),
             access,
             over_tls,
+            moves: Moves::default(),
             cells: Mutex::default(),
             everywhere: OnceCell::new(),
             expects: AtomicBool::new(false),
-            open_viewers: Arc::default(),
+            open_viewers: watch::Sender::default(),
             next_viewer: AtomicU64::new(1),
         }
     }
@@ -56,10 +59,15 @@ impl AppState {
         if let Some(cell) = cells.get(name).and_then(Weak::upgrade) {
             return Ok(cell);
         }
-        let cell = Arc::new(WatchedCell::follow(&self.session, name, self.config.clone()).await?);
+        let cell = Arc::new(WatchedCell::follow(&self.session, name, self.config.clone(), self.moves.clone()).await?);
         cells.retain(|_, known| known.strong_count() > 0);
         cells.insert(name.to_owned(), Arc::downgrade(&cell));
         Ok(cell)
+    }
+
+    /// The cells that are followed: those that somebody looks at, and those in which something is carried out.
+    pub(super) async fn followed(&self) -> Vec<Arc<WatchedCell>> {
+        self.cells.lock().await.values().filter_map(Weak::upgrade).collect()
     }
 
     /// Begins to follow this console's cell for a page that was asked for: while the browser reads the page, its first picture and scene come.

@@ -15,7 +15,8 @@ const isBlue = (r, g, b) => b > 150 && b > 1.5 * r && b > 1.15 * g;
 let system, browser, page;
 
 before(async () => {
-  system = await startSystem();
+  // A console that is to end waits for a motion to its end, however slow the machine is.
+  system = await startSystem({ environment: { REPOSE_WORKER__DRAIN_MS: String(PATIENCE_MS) } });
   browser = await startBrowser();
   page = await open(browser, system.url);
 });
@@ -261,6 +262,17 @@ test("the motion is carried out to its end", async () => {
   await page.waitForSelector("#execution .said", { timeout: PATIENCE_MS });
   assert.match(await page.locator("#execution .said").last().textContent(), /moved|fell|mm from|gone|not seen/);
   await screenshot(page, "8-done");
+});
+
+test("a console that is asked to end brings the motion under way to its end, and its page says how it ended", async () => {
+  await planUntilFound(page);
+  await page.click("#execute");
+  await textOf(page, "#mode", /moving/);
+  process.kill(system.consoleProcess(), "SIGTERM");
+  await textOf(page, "#notice", /lost: the console is ending/);
+  await textOf(page, "#link", /Live/);
+  assert.match(await page.locator("#phase").textContent(), /^Done|The grasp was lost/);
+  assert.equal(await page.locator("#motion .fault").count(), 0, await page.locator("#motion").textContent());
 });
 
 test("goals that were collected are carried out one after another, with what held", async () => {

@@ -3,7 +3,10 @@
 class Element {
   children = []; dataset = {}; attributes = {}; listeners = {}; id = ""; className = ""; value = ""; textContent = ""; disabled = false; hidden = false; open = false;
   style = { setProperty: () => {} };
-  classList = { remove: (name) => { this.className = this.#classes.filter((own) => own !== name).join(" "); } };
+  classList = {
+    remove: (name) => { this.className = this.#classes.filter((own) => own !== name).join(" "); },
+    toggle: (name, is) => { this.className = [...this.#classes.filter((own) => own !== name), ...(is ? [name] : [])].join(" "); },
+  };
   #parent;
 
   constructor(tag) { this.tag = tag; }
@@ -17,6 +20,10 @@ class Element {
   setAttribute(name, value) { this.attributes[name] = value; }
   addEventListener(kind, listener) { this.listeners[kind] = listener; }
   contains() { return false; }
+  scrollIntoView() {}
+  get lastElementChild() { return this.children.at(-1); }
+  /** Those of a select. */
+  get options() { return this.children; }
   querySelector() { return null; }
   /** Those within that have a class, `.name`. */
   querySelectorAll(selector) { return this.all.filter((part) => part !== this && part.#classes.includes(selector.slice(1))); }
@@ -33,7 +40,8 @@ class Element {
 export function makeDocument() {
   const known = new Map();
   const byId = (id) => known.get(id) ?? known.set(id, new Element("div")).get(id);
-  globalThis.document = { createElement: (tag) => new Element(tag), getElementById: byId, activeElement: null };
+  const [documentElement, body] = [new Element("html"), new Element("body")];
+  globalThis.document = { createElement: (tag) => new Element(tag), getElementById: byId, activeElement: null, addEventListener: () => {}, documentElement, body };
   return byId;
 }
 

@@ -4,12 +4,13 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use futures::{SinkExt, StreamExt};
-use repose_console::{Console, ConsoleConfig};
+use repose_console::{Console, ConsoleConfig, ConsoleError};
 use repose_proto::Payload;
 use repose_proto::robot::{EmergencyStop, RobotMode, RobotState, StopState};
 use repose_runtime::{Session, Shutdown, Traffic};
 use serde_json::{Value, json};
 use tokio::net::TcpStream;
+use tokio::task::JoinHandle;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::tungstenite::{Error, Message};
@@ -23,6 +24,15 @@ pub struct Running {
     pub session: Session,
     pub address: SocketAddr,
     pub shutdown: Shutdown,
+    pub serving: JoinHandle<Result<(), ConsoleError>>,
+}
+
+impl Running {
+    /// Waits until it has ended.
+    pub async fn ended(&mut self) {
+        let served = tokio::time::timeout(WITHIN, &mut self.serving).await.expect("in time");
+        served.expect("no panic").expect("served");
+    }
 }
 
 impl Drop for Running {
@@ -32,12 +42,17 @@ impl Drop for Running {
 }
 
 pub async fn start(config: ConsoleConfig) -> Running {
+    start_draining(config, WITHIN).await
+}
+
+/// One that waits so long for what it has robots do, when it is to end.
+pub async fn start_draining(config: ConsoleConfig, drain: Duration) -> Running {
     let session = Session::embedded().await.expect("a session");
     let config = ConsoleConfig { listen: "127.0.0.1:0".parse().expect("an address"), ..config };
     let console = Console::open(session.clone(), config).await.expect("a console");
     let (address, shutdown) = (console.address(), Shutdown::new());
-    tokio::spawn(console.serve(shutdown.clone()));
-    Running { session, address, shutdown }
+    let serving = tokio::spawn(console.serve(drain, shutdown.clone()));
+    Running { session, address, shutdown, serving }
 }
 
 pub type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
