@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import os
 import signal
@@ -213,10 +214,15 @@ def test_a_stop_latches_until_reset(client):
     assert state.mode == "stopped"
     assert state.stop is not None
     assert state.stop["kind"] == "estop"
-    client.reset()
+    another = dataclasses.replace(state, stop={**state.stop, "estop_id": "another"})
+    with pytest.raises(repose.FailedPrecondition) as raised:
+        client.reset(shown=another)
+    assert raised.value.field == "robot"
+    assert client.reset(shown=state)
     ends = time.monotonic() + 10
     while client.robot_state().mode == "stopped":
         assert time.monotonic() < ends
+    assert not client.reset()
 
 
 def test_scenes_are_watched_as_they_come(client, scene):

@@ -5,6 +5,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use repose_executive::{AskedRecovery, IdentifiedScene, SHOWS_WITHIN, newest_after};
 use repose_proto::motion::{ExecutionOutcome, RecoverReply, RecoveryMove, RobotResetReply, RobotResetRequest};
+use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::scene::WorldFrame;
 use repose_proto::{CallError, Payload, Service, keys};
 use repose_runtime::{CallOptions, SCENE_WITHIN, Session, emergency_stop_within, fetch_newest};
@@ -79,13 +80,9 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> CommandResu
             output.print(&stopped, || describe(robot, &stopped))
         }
         Action::Reset => {
-            let motion = session.caller(Service::Motion).await?;
-            // What is cleared is the stop that is told here, and none that latches meanwhile.
-            let stop = client::robot_state(session, robot, within).await?.stop;
-            let request = Payload::json(&RobotResetRequest { robot: robot.clone(), stop: stop.clone() })?;
-            let reply = motion.call("reset", request, CallOptions::at_most_once(within)).await.map_err(of_motion)?;
-            let reply: RobotResetReply = reply.payload.decode_json()?;
-            let was = stop.map_or_else(String::new, |stop| format!("; it was stopped: {} ({})", stop.reason, stop.kind));
+            let shown = client::robot_state(session, robot, within).await?;
+            let reply = clear(session, robot, &shown, within).await?;
+            let was = shown.stop.map_or_else(String::new, |stop| format!("; it was stopped: {} ({})", stop.reason, stop.kind));
             output.print(&reply, || if reply.was_stopped { format!("{robot} may go on{was}") } else { format!("{robot} was not stopped") })
         }
         Action::State => {
@@ -96,6 +93,18 @@ async fn act(args: &RobotArgs, session: &Session, output: Output) -> CommandResu
         Action::Retreat => recover(args, session, RecoveryMove::Retreat, output).await,
         Action::Home => recover(args, session, RecoveryMove::Home, output).await,
     }
+}
+
+/// Clears the stop that a robot's state shows, which this command tells, and none that latches meanwhile.
+async fn clear(session: &Session, robot: &str, shown: &RobotState, within: Duration) -> Result<RobotResetReply, Failure> {
+    // Asked without a stop, motion clears whichever is latched by then: one that nobody was shown.
+    if shown.mode != RobotMode::Stopped {
+        return Ok(RobotResetReply { was_stopped: false });
+    }
+    let motion = session.caller(Service::Motion).await?;
+    let request = Payload::json(&RobotResetRequest { robot: robot.to_owned(), stop: shown.stop.clone() })?;
+    let answer = motion.call("reset", request, CallOptions::at_most_once(within)).await.map_err(of_motion)?;
+    Ok(answer.payload.decode_json()?)
 }
 
 /// Brings the arm back, checked against the newest scene of the camera unless that is not wanted.
@@ -149,4 +158,56 @@ async fn newest_scene(args: &RobotArgs, session: &Session) -> Result<IdentifiedS
     };
     let message = format!("no scene of camera {camera} to check the path against ({why}); nothing has moved. --unchecked goes without");
     Err(of_motion(CallError::precondition(message).at("camera")))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use repose_proto::robot::StopState;
+    use repose_runtime::{Call, Handler};
+
+    use super::*;
+
+    const WITHIN: Duration = Duration::from_secs(30);
+
+    /// Motion of a robot at which some stop is latched by the time it is asked: it writes down what it is to clear, and clears it.
+    #[derive(Default)]
+    struct Clearing(Mutex<Vec<RobotResetRequest>>);
+
+    #[async_trait::async_trait]
+    impl Handler for Clearing {
+        async fn call(&self, call: Call) -> Result<Payload, CallError> {
+            let request: RobotResetRequest = call.payload.decode_json()?;
+            self.0.lock().expect("what was asked").push(request);
+            Payload::json(&RobotResetReply { was_stopped: true })
+        }
+    }
+
+    fn shown(mode: &str, stop: Option<&StopState>) -> RobotState {
+        let still = [0.0; 7];
+        let state = serde_json::json!({
+            "v": 1, "seq": 0, "stamp_ns": 0, "robot_ms": 0.0, "q_rad": still, "dq_rad_s": still, "gripper_width_m": 0.08,
+            "gripper_settled": true, "gripper_holding": false, "mode": mode, "stop": stop
+        });
+        serde_json::from_value(state).expect("a state")
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_reset_clears_the_stop_that_was_shown_and_none_where_none_was() {
+        let session = Session::embedded().await.expect("a session");
+        let clearing = Arc::new(Clearing::default());
+        let _motion = session.start(Service::Motion, clearing.clone()).await.expect("a worker");
+        for mode in ["idle", "moving"] {
+            let reply = clear(&session, "panda", &shown(mode, None), WITHIN).await.expect("there is nothing to clear");
+            assert!(!reply.was_stopped, "{mode}");
+        }
+        assert!(clearing.0.lock().expect("what was asked").is_empty(), "one that has latched since stays");
+
+        let stop = StopState { kind: "estop".to_owned(), reason: "a hand".to_owned(), estop_id: Some("e1".to_owned()) };
+        let reply = clear(&session, "panda", &shown("stopped", Some(&stop)), WITHIN).await.expect("it is cleared");
+        assert!(reply.was_stopped);
+        let of_that = RobotResetRequest { robot: "panda".to_owned(), stop: Some(stop) };
+        assert_eq!(*clearing.0.lock().expect("what was asked"), [of_that]);
+    }
 }

@@ -230,21 +230,28 @@ class Cell:
         return _execution(await call._step())
 
     async def robot_state(self, robot: str | None = None, *, timeout_s: float = STATE_S) -> RobotState:
-        """Return what a robot says of itself next.
+        """Return what a robot says of itself next that can be read.
 
         Raises:
-            Unavailable: It says nothing within ``timeout_s``; ``field`` is ``robot``.
+            Unavailable: It says no such thing within ``timeout_s``; ``field`` is ``robot``.
 
         """
         name = self.robot if robot is None else robot
         states = await threaded(lambda: self.connection.subscribe("robot_state", name, True))
+        ends = time.monotonic() + timeout_s
+        says = "does not tell its state"
         try:
-            heard = await threaded(lambda: states.recv(timeout_s))
+            while time.monotonic() < ends:
+                heard = await threaded(lambda: states.recv(max(ends - time.monotonic(), 0.0)))
+                if heard is None:
+                    break
+                state = RobotState._if_readable(heard[2])
+                if state is not None:
+                    return state
+                says = "tells no state that can be read"
         finally:
             states.close()
-        if heard is None:
-            raise Unavailable(f"robot {name} does not tell its state", "robot")
-        return RobotState._of(heard[2])
+        raise Unavailable(f"robot {name} {says}", "robot")
 
     async def stop(self, robot: str | None = None, reason: str = "asked for", *, timeout_s: float = 5.0) -> RobotState:
         """Stop a robot in an emergency. The stop latches until `reset`. It is repeated until the robot shows it.
@@ -264,7 +271,8 @@ class Cell:
         try:
             while time.monotonic() < ends:
                 heard = await threaded(lambda: states.recv(AGAIN_S))
-                state = None if heard is None else RobotState._of(heard[2])
+                # What cannot be read shows nothing.
+                state = None if heard is None else RobotState._if_readable(heard[2])
                 shown = None if state is None or state.stop is None else state.stop.get("estop_id")
                 # Another's stop does not do at first: whoever clears that does not know of this one.
                 holds = shown == stop["id"] or (shown is not None and time.monotonic() - began > ANOTHERS_S)
@@ -275,9 +283,24 @@ class Cell:
             states.close()
         raise DeadlineExceeded(f"robot {name} has not shown the stop within {timeout_s} s; it was sent", "robot")
 
-    async def reset(self, robot: str | None = None) -> bool:
-        """Clear a latched stop; whether one was latched."""
-        request = {"robot": self.robot if robot is None else robot}
+    async def reset(self, robot: str | None = None, *, shown: RobotState | None = None) -> bool:
+        """Clear the stop that a robot shows, and none that latches meanwhile; whether it showed one.
+
+        Args:
+            robot: The robot.
+            shown: The state whose stop is cleared, for whoever has looked at it before. Without it, what the robot says of itself next.
+
+        Raises:
+            FailedPrecondition: Another stop has latched, or the stop does not clear in time.
+            Unavailable: The robot does not tell its state, or no motion worker is alive.
+
+        """
+        name = self.robot if robot is None else robot
+        state = await self.robot_state(name) if shown is None else shown
+        # Asked without a stop, motion clears whichever is latched by then: one that this state does not show.
+        if state.mode != "stopped":
+            return False
+        request: dict[str, Any] = {"robot": name} if state.stop is None else {"robot": name, "stop": state.stop}
         call = self.call("motion", "reset", "RobotResetRequest.v1", request, idempotent=False)
         return bool((await call._step()).data["was_stopped"])
 

@@ -25,6 +25,8 @@ U = TypeVar("U")
 
 #: How long whoever gives a call up waits for it to end, seconds. Its worker has been told by then.
 GIVEN_UP_WITHIN_S = 0.5
+#: What a robot may be doing.
+MODES = ("idle", "moving", "stopped")
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,16 @@ class RobotState:
     def _of(cls, content: bytes) -> RobotState:
         data = json.loads(content)
         return cls(np.array(data["q_rad"]), np.array(data["dq_rad_s"]), data["gripper_width_m"], data["mode"], data.get("stop"), data)
+
+    @classmethod
+    def _if_readable(cls, content: bytes) -> RobotState | None:
+        """Read a state; ``None`` where it cannot be read: what a robot's side tells is no fault of whoever listens."""
+        try:
+            state = cls._of(content)
+        except (KeyError, TypeError, ValueError, RecursionError):
+            return None
+        is_known = state.mode in MODES and (state.stop is None or isinstance(state.stop, dict))
+        return state if is_known else None
 
 
 class Call(Generic[T]):
