@@ -85,7 +85,7 @@ async fn is_asked_again(mut recorder: Process, file: &Path, scene_ids: [&String;
     recorder.signal(libc::SIGINT);
     assert!(recorder.0.wait().expect("its end").success());
     let files = [file.to_owned()];
-    let calls = Calls::read(&files, is_repeatable).expect("a recording");
+    let calls = Calls::read(&files, |service, call| is_repeatable(service, &call.method)).expect("a recording");
     let scenes = scenes_of(&calls.asked, &files).expect("a recording");
     assert!(scene_ids.iter().all(|id| scenes.contains_key(*id)), "{:?} of {scene_ids:?}", scenes.keys());
     let mut command = repose();

@@ -11,6 +11,7 @@ use common::{Deployment, PATIENCE, Process, copy_their_calls, newest_scene, repo
 use repose_proto::arrange::ObjectGoal;
 use repose_proto::place::Variant;
 use repose_proto::{ArrangeRequest, GoalTerm, Payload, PlaceRequest, PlaceResult, Relation, Scene, Service, keys};
+use repose_recorder::RecordingError;
 use repose_recorder::calls::Calls;
 use repose_recorder::file::reading::RecordingReader;
 use repose_recorder::replay::is_repeatable;
@@ -59,11 +60,16 @@ async fn ask_to_arrange(session: &Session, scene_id: &str, scene: &Scene) {
     planner.call_with_scene("arrange", Some(scene), encode, CallOptions::within(PATIENCE)).await.expect("an answer");
 }
 
+/// What a recording holds to ask again.
+fn calls_in(file: &Path) -> Result<Calls, RecordingError> {
+    Calls::read(&[file.to_owned()], |service, call| is_repeatable(service, &call.method))
+}
+
 /// Waits until a recording that is being made has so many answers on the disk.
 async fn on_disk(file: &Path, count: usize) {
     let give_up = tokio::time::Instant::now() + PATIENCE;
     loop {
-        let answers = Calls::read(&[file.to_owned()], is_repeatable).map_or(0, |calls| calls.asked.len());
+        let answers = calls_in(file).map_or(0, |calls| calls.asked.len());
         if answers >= count {
             return;
         }
@@ -124,7 +130,7 @@ fn finished(mut recorder: Process) -> Value {
 }
 
 async fn of_one_request_and_of_none(run: &Path) {
-    let calls = Calls::read(&[run.to_owned()], is_repeatable).expect("a recording");
+    let calls = calls_in(run).expect("a recording");
     let mut command = repose();
     command.args(["--json", "replay", "--request", &calls.asked[7].id]).arg(run);
     let (_, replayed) = output(command).await;

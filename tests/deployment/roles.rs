@@ -134,10 +134,10 @@ async fn certificates_and_passwords_together_keep_out_whoever_has_one_of_them() 
     deploy_as(folder, |port| {
         format!(
             "router = \"127.0.0.1:{port}\"\ncells = [\"cell\"]\nlogin = \"both\"\n[users.asker]\nrole = \"planner\"\n\
-             [users.inference]\nrole = \"service\"\nservice = \"inference\"\n"
+             [users.inference]\nrole = \"service\"\nservice = \"inference\"\n[users.router]\nrole = \"viewer\"\n"
         )
     });
-    // On a router of its own, which nobody has to start.
+    // On a router of its own, which nobody has to start, and which is not the user of that name.
     let (is_right, report) = checked(folder, &["--apart"]);
     assert!(is_right && report["allowed"].as_u64() > Some(5), "{report:#}");
     let router = Logged::start(serve(folder, "router", "router/router.toml"));

@@ -6,17 +6,17 @@ use std::time::Duration;
 
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service};
-use repose_runtime::{CallOptions, Caller, STATE_WITHIN, SceneStore, Session, fetch_newest, fetch_scene, robot_state};
+use repose_runtime::{CallOptions, Caller, STATE_WITHIN, Session, fetch_newest, fetch_scene, robot_state};
 use tokio::time::Instant;
 
 use crate::McpError;
+use crate::per_session::{Bounds, PerSession};
 use crate::plans::Plans;
 use crate::seen::{ShownScene, handle};
 use crate::settings::McpSettings;
 
-/// Scenes held for agents that name them, and their bytes.
-const SCENES: usize = 16;
-const SCENES_BYTES: usize = 512 << 20;
+/// Scenes held for agents that name them.
+const SCENES: Bounds = Bounds { per_session: 16, total: 256, bytes: 512 << 20 };
 /// How long a robot is waited for in a cell without motion: nobody could have it carry anything out there, and there may well be none.
 const WITHOUT_MOTION: Duration = Duration::from_secs(1);
 /// Between two looks for a newer view.
@@ -29,7 +29,7 @@ pub struct Desk {
     pub(crate) motion: Caller,
     perception: Caller,
     settings: McpSettings,
-    scenes: SceneStore<ShownScene>,
+    scenes: Mutex<PerSession<ShownScene>>,
     plans: Mutex<Plans>,
     moving: AtomicBool,
 }
@@ -52,7 +52,7 @@ impl Desk {
         settings.validate().map_err(McpError::Setting)?;
         let (perception, planner, motion) =
             (session.caller(Service::Perception).await?, session.caller(Service::Planner).await?, session.caller(Service::Motion).await?);
-        let scenes = SceneStore::new(SCENES, SCENES_BYTES, ShownScene::bytes);
+        let scenes = Mutex::new(PerSession::<ShownScene>::new(SCENES, |scene| scene));
         Ok(Self { session, planner, motion, perception, settings, scenes, plans: Mutex::default(), moving: AtomicBool::new(false) })
     }
 
@@ -64,6 +64,11 @@ impl Desk {
     pub(crate) fn plans(&self) -> MutexGuard<'_, Plans> {
         // Every change leaves the plans whole, so a panic elsewhere under the lock does not spoil them.
         self.plans.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn scenes(&self) -> MutexGuard<'_, PerSession<ShownScene>> {
+        // As for the plans.
+        self.scenes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Takes the robot for one execution.
@@ -84,20 +89,21 @@ impl Desk {
         Instant::now() + self.settings.deadline
     }
 
-    /// The camera's newest view, kept under its handle.
-    pub(crate) async fn newest(&self, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
-        self.view_after(0, deadline).await
+    /// The camera's newest view, kept under its handle for an agent's session.
+    pub(crate) async fn newest(&self, session: &str, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
+        self.view_after(0, session, deadline).await
     }
 
-    /// The first view that was seen after an instant, kept under its handle.
-    async fn view_after(&self, instant_ns: u64, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
+    /// The first view that was seen after an instant, kept under its handle for an agent's session.
+    async fn view_after(&self, instant_ns: u64, session: &str, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
         let camera = &self.settings.camera;
         loop {
             let summary = fetch_newest(&self.perception, camera, &CallOptions::default().until(deadline)).await?;
             if summary.stamp_ns > instant_ns {
                 let seen = Arc::new(self.seen(summary, deadline).await?);
-                // A scene that looks the same to the last point has the same id and a later stamp.
-                return Ok(self.scenes.keep_over(seen.clone().handle(), seen, |_| true));
+                // A scene that looks the same to the last point has the same id and a later stamp: it is kept in the place of the earlier one.
+                self.scenes().keep(session, seen.handle(), seen.clone());
+                return Ok(seen);
             }
             let next = Instant::now() + LOOK_EVERY;
             if next >= deadline {
@@ -111,7 +117,7 @@ impl Desk {
     /// The scene of a summary. One that is held and looks the same to the last point has its id, and is not sent again.
     async fn seen(&self, summary: SceneSummary, deadline: Instant) -> Result<ShownScene, CallError> {
         let SceneSummary { scene_id, stamp_ns, .. } = summary;
-        let held = self.scenes.get(handle(&scene_id)).ok().filter(|held| held.scene_id == scene_id);
+        let held = self.scenes().of_any(handle(&scene_id)).filter(|held| held.scene_id == scene_id);
         let scene = match held {
             Some(held) => Scene { stamp_ns, ..held.scene.clone() },
             None => fetch_scene(&self.perception, &scene_id, &CallOptions::default().until(deadline)).await?,
@@ -129,18 +135,22 @@ impl Desk {
         robot_state(&self.session, &self.settings.robot, within).await
     }
 
-    /// A view from now on, by the robot's clock, which is its cameras': this host's may be behind theirs.
-    pub(crate) async fn fresh(&self, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
+    /// A view from now on, by the robot's clock, which is its cameras': this host's may be behind theirs. Kept as [`Self::newest`] does.
+    pub(crate) async fn fresh(&self, session: &str, deadline: Instant) -> Result<Arc<ShownScene>, CallError> {
         let state = self.robot_state(deadline).await?;
-        self.view_after(state.stamp_ns, deadline).await
+        self.view_after(state.stamp_ns, session, deadline).await
     }
 
-    /// A view that was shown.
+    /// A view that was shown, to whomever. It counts as new for the session that names it.
     ///
     /// # Errors
     /// `not_found` on `scene` when it is not held any more, or never was.
-    pub(crate) fn shown(&self, handle: &str) -> Result<Arc<ShownScene>, CallError> {
-        self.scenes.get(handle).map_err(|_| CallError::not_found("scene", format!("scene {handle:?} is not at hand: look again")))
+    pub(crate) fn shown(&self, handle: &str, session: &str) -> Result<Arc<ShownScene>, CallError> {
+        let mut scenes = self.scenes();
+        let not_at_hand = || CallError::not_found("scene", format!("scene {handle:?} is not at hand: look again"));
+        let seen = scenes.of_any(handle).ok_or_else(not_at_hand)?;
+        scenes.keep(session, handle, seen.clone());
+        Ok(seen)
     }
 }
 

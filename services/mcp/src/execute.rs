@@ -85,7 +85,8 @@ impl Desk {
         let reply = call_moving(&self.session, &self.motion, "execute", Payload::json(&motion)?, options).await?;
         let reply: ExecuteReply = reply.payload.decode_json()?;
         // It has moved: an agent that was told of an error would think that it has not.
-        match self.fresh(self.deadline()).await {
+        let seen = self.fresh(&plan.session, self.deadline()).await;
+        match seen {
             Ok(seen) => computed(move || afterwards(&plan, reply, followed, &seen)).await,
             Err(why) => unseen(&plan, reply, &why),
         }
@@ -105,7 +106,7 @@ impl Desk {
     async fn unchanged(&self, plan: &Arc<Plan>, deadline: Instant) -> Result<(Arc<ShownScene>, Followed), CallError> {
         let mut differences = Vec::new();
         for _ in 0..VIEWS {
-            let seen = self.fresh(deadline).await?;
+            let seen = self.fresh(&plan.session, deadline).await?;
             differences = changes(&plan.seen.scene.meta.objects, &seen.scene.meta.objects, self.settings().still_m);
             if differences.is_empty() {
                 let plan = plan.clone();

@@ -13,6 +13,7 @@ pub mod execute;
 pub mod http;
 pub mod input;
 pub mod look;
+pub mod per_session;
 pub mod plan;
 pub mod plans;
 pub mod protocol;

@@ -14,6 +14,7 @@ use serde::Serialize;
 
 use crate::answer::ToolResult;
 use crate::arguments::LookArguments;
+use crate::asker::Asker;
 use crate::desk::{Desk, computed};
 use crate::seen::ShownScene;
 
@@ -59,8 +60,8 @@ impl Desk {
     ///
     /// # Errors
     /// What the cell says; `not_found` on `camera` where it has no scene.
-    pub async fn look(&self, _: &LookArguments) -> Result<ToolResult, CallError> {
-        let seen = self.newest(self.deadline()).await?;
+    pub async fn look(&self, _: &LookArguments, asker: &Asker) -> Result<ToolResult, CallError> {
+        let seen = self.newest(&asker.session, self.deadline()).await?;
         computed(move || {
             let looked = looked(&seen);
             let picture = jpeg_of(&with_numbered_outlines(&seen.scene)?, QUALITY)?;

@@ -84,8 +84,8 @@ impl Desk {
     pub async fn plan(&self, asked: &PlanArguments, asker: &Asker) -> Result<ToolResult, CallError> {
         let deadline = self.deadline();
         let seen = match &asked.scene {
-            Some(handle) => self.shown(handle)?,
-            None => self.newest(deadline).await?,
+            Some(handle) => self.shown(handle, &asker.session)?,
+            None => self.newest(&asker.session, deadline).await?,
         };
         let wish = {
             let (seen, asked) = (seen.clone(), asked.clone());

@@ -1,16 +1,16 @@
 //! The plans that were made here: bounded, each good once, for the session that asked for it.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use repose_proto::place::Placement;
 use repose_proto::{CallError, GoalTerm};
 
 use crate::asker::Asker;
+use crate::per_session::{Bounds, PerSession};
 use crate::seen::ShownScene;
 
-/// Plans that are kept; the oldest goes first.
-const KEPT: usize = 32;
+/// Plans that are kept.
+const KEPT: Bounds = Bounds { per_session: 32, total: 512, bytes: 512 << 20 };
 
 /// A placement that was shown, and what it was made for.
 #[derive(Debug, Clone)]
@@ -34,18 +34,22 @@ pub struct Plan {
 }
 
 /// Plans by id.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Plans {
-    kept: VecDeque<Arc<Plan>>,
+    kept: PerSession<Plan>,
+}
+
+impl Default for Plans {
+    fn default() -> Self {
+        Self { kept: PerSession::new(KEPT, |plan| &plan.seen) }
+    }
 }
 
 impl Plans {
     /// Keeps a plan.
     pub fn keep(&mut self, plan: Plan) {
-        if self.kept.len() == KEPT {
-            self.kept.pop_front();
-        }
-        self.kept.push_back(Arc::new(plan));
+        let plan = Arc::new(plan);
+        self.kept.keep(&plan.session, &plan.id, plan.clone());
     }
 
     /// A plan of the asker's session.
@@ -53,19 +57,14 @@ impl Plans {
     /// # Errors
     /// `not_found` on `plan`, of one that another session made, too: whether there is such a plan is none of the asker's business.
     pub fn get(&self, id: &str, asker: &Asker) -> Result<Arc<Plan>, CallError> {
-        let own = self.kept.iter().find(|plan| plan.id == id && plan.session == asker.session);
-        own.cloned().ok_or_else(|| {
-            CallError::not_found("plan", format!("no plan {id:?} was made in this session, or it was carried out already: plan again"))
+        self.kept.of(&asker.session, id).ok_or_else(|| {
+            let why = "none was made under that id in this session, or it was carried out already, or it is no longer kept";
+            CallError::not_found("plan", format!("there is no plan {id:?}: {why}; look and plan again"))
         })
     }
 
     /// Forgets a plan.
     pub fn remove(&mut self, id: &str) {
-        self.kept.retain(|plan| plan.id != id);
-    }
-
-    /// How many there are of a session.
-    pub fn count(&self, session: &str) -> usize {
-        self.kept.iter().filter(|plan| plan.session == session).count()
+        self.kept.remove(id);
     }
 }

@@ -152,7 +152,7 @@ pub async fn call(desk: &Desk, name: &str, arguments: Value, asker: &Asker, canc
 
 async fn carry_out(desk: &Desk, tool: Tool, given: Value, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
     match tool {
-        Tool::Look => unless_given_up(&cancel, desk.look(&read::<LookArguments>(given)?)).await,
+        Tool::Look => unless_given_up(&cancel, desk.look(&read(given)?, asker)).await,
         Tool::Plan => unless_given_up(&cancel, desk.plan(&read(given)?, asker)).await,
         Tool::Execute => desk.execute(&read(given)?, asker, cancel).await,
         Tool::State => unless_given_up(&cancel, desk.state(&read::<StateArguments>(given)?)).await,

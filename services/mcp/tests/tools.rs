@@ -192,6 +192,32 @@ async fn a_plan_of_this_session_is_carried_out_once_and_no_other_is() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn however_much_one_session_plans_another_keeps_its_plans_and_scenes() {
+    let cell = start(true).await;
+    let scene = ask(&cell, "look", json!({})).await.expect("an answer").data["scene"].clone();
+    let plan = planned(&cell).await;
+    let mut of_another = Vec::new();
+    for _ in 0..33 {
+        // Each on a scene of its own.
+        cell.world.push(3, [0.001, 0.0]);
+        let say = json!({"say": "put the red box left of the blue box"});
+        let answer = ask_as(&cell, "plan", say, "another").await.expect("an answer");
+        of_another.push(answer.data["plan"].clone());
+    }
+    assert!(of_another.iter().all(Value::is_string), "{of_another:?}");
+    let (code, field, message) = refused(ask_as(&cell, "execute", json!({"plan": of_another[0]}), "another").await);
+    assert_eq!((code, field.as_deref()), (ErrorCode::NotFound, Some("plan")));
+    assert!(message.contains("no longer kept"), "it was made, and not carried out: {message}");
+
+    cell.world.push(3, [-0.033, 0.0]);
+    let by_number = json!({"scene": scene, "move": 1, "goal": [{"relation": "left_of", "to": 2}]});
+    assert!(ask(&cell, "plan", by_number).await.expect("the scene is at hand").data["plan"].is_string());
+    cell.world.may_move.notify_one();
+    let done = ask(&cell, "execute", json!({"plan": plan})).await.expect("the plan is kept");
+    assert_eq!((&done.data["outcome"], cell.world.executions()), (&json!("done"), 1), "{}", done.text);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn what_else_the_robot_has_moved_is_said() {
     let cell = start(true).await;
     let plan = planned(&cell).await;

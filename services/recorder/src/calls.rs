@@ -46,11 +46,11 @@ pub struct Calls {
 }
 
 impl Calls {
-    /// Reads a recording's files. Calls of other methods than `wanted` are left out.
+    /// Reads a recording's files. Calls that are not `wanted` are left out, and not counted either: none of them is held.
     ///
     /// # Errors
     /// When a file is no recording or cannot be read.
-    pub fn read(files: &[PathBuf], wanted: impl Fn(Service, &str) -> bool) -> Result<Self, RecordingError> {
+    pub fn read(files: &[PathBuf], wanted: impl Fn(Service, &CallAttachment) -> bool) -> Result<Self, RecordingError> {
         let mut calls = Self::default();
         let mut pending = Pending::default();
         for file in files {
@@ -65,7 +65,7 @@ impl Calls {
         Ok(calls)
     }
 
-    fn take(&mut self, recorded: &RecordedMessage, pending: &mut Pending, wanted: &impl Fn(Service, &str) -> bool) {
+    fn take(&mut self, recorded: &RecordedMessage, pending: &mut Pending, wanted: &impl Fn(Service, &CallAttachment) -> bool) {
         let Some((service, worker)) = keys::of_journal(&recorded.topic) else { return };
         let entry = recorded.payload.decode_bulk(JournalEntry::SCHEMA).and_then(|bulk| JournalEntry::from_bulk(&bulk));
         let Ok(entry) = entry else { return };
@@ -74,7 +74,7 @@ impl Calls {
             JournalKind::Call => {
                 let Ok(call) = CallAttachment::decode(entry.attachment.as_bytes()) else { return };
                 // A call that is asked a second time while it is open, or is asked again elsewhere, is the same call.
-                if wanted(service, &call.method) && !pending.done.contains(&call.id) {
+                if wanted(service, &call) && !pending.done.contains(&call.id) {
                     pending.open.insert((worker.to_owned(), call.id), (service, call.method, entry.payload, entry.stamp_ns));
                 }
             }
@@ -194,7 +194,8 @@ mod tests {
         ];
         let (mut calls, mut pending) = (Calls::default(), Pending::default());
         for recorded in heard {
-            calls.take(&recorded, &mut pending, &|service: Service, method: &str| service == Service::Planner && method == METHOD);
+            let wanted = |service: Service, call: &CallAttachment| service == Service::Planner && call.method == METHOD;
+            calls.take(&recorded, &mut pending, &wanted);
         }
         let mut asked: Vec<_> = calls.asked.iter().map(|a| (a.id.as_str(), &a.request.bytes[..], &a.result.bytes[..])).collect();
         asked.sort();
@@ -202,6 +203,27 @@ mod tests {
         assert_eq!(asked, expected);
         assert_eq!((calls.lost, calls.errors), (1, BTreeMap::from([("not_found".to_owned(), 1)])), "number 10 of b is missing");
         assert_eq!(pending.open.len(), 1);
+    }
+
+    #[test]
+    fn of_calls_that_are_not_wanted_nothing_is_held_or_counted() {
+        let error = Payload::json(&CallError::not_found("scene_id", "no")).expect("small");
+        let heard = [
+            call("a", 0, "one", "1"),
+            call("a", 1, "two", "2"),
+            call("a", 2, "three", "3"),
+            call("a", 3, "four", "4"),
+            reply("a", 4, "one", "result", json("I")),
+            reply("a", 5, "two", "result", json("II")),
+            reply("a", 6, "three", "error", error),
+        ];
+        let (mut calls, mut pending) = (Calls::default(), Pending::default());
+        for (k, recorded) in heard.iter().enumerate() {
+            calls.take(recorded, &mut pending, &|_: Service, call: &CallAttachment| call.id == "two");
+            assert_eq!(pending.open.len(), usize::from((1..5).contains(&k)), "after message {k}");
+        }
+        assert_eq!(calls.asked.iter().map(|asked| asked.id.as_str()).collect::<Vec<_>>(), ["two"]);
+        assert_eq!((calls.errors, calls.lost), (BTreeMap::new(), 0));
     }
 
     #[test]

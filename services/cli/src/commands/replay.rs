@@ -72,8 +72,7 @@ pub async fn run(args: &ReplayArgs, output: Output) -> CommandResult {
 
 /// What is asked again, the request with that id only where one is given, and the scenes that it is about.
 fn read(files: &[PathBuf], request: Option<&str>) -> Result<(Calls, RecordedScenes), RecordingError> {
-    let mut calls = Calls::read(files, is_repeatable)?;
-    calls.asked.retain(|asked| request.is_none_or(|id| asked.id == id));
+    let calls = Calls::read(files, |service, call| is_repeatable(service, &call.method) && request.is_none_or(|id| call.id == id))?;
     let scenes = scenes_of(&calls.asked, files)?;
     Ok((calls, scenes))
 }
@@ -130,7 +129,12 @@ fn report(repeated: &[Repeated], calls: &Calls, output: Output) -> CommandResult
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+    use std::path::Path;
+
     use clap::Parser;
+    use repose_proto::{Cell, JournalEntry, JournalKind, Payload};
+    use repose_recorder::file::writing::PartWriter;
 
     use super::*;
 
@@ -144,5 +148,39 @@ mod tests {
             let field = refused.error().and_then(|e| e.field.clone()).unwrap_or_default();
             assert_eq!((refused.exit_code(), field.as_str()), (2, &option[2..option.find('=').unwrap_or(2)]));
         }
+    }
+
+    /// A recording of a planner's calls of `place`, each with an answer of this kind.
+    fn recording(folder: &Path, answered: &[(&str, &str)]) -> PathBuf {
+        let topic = Cell::new("lab").expect("a cell").journal(Service::Planner, "a");
+        let file = folder.join("run.mcap");
+        let mut writer = PartWriter::create(&file, BTreeMap::new()).expect("a file");
+        let mut copies = 0..;
+        let mut copy = |kind, attachment| {
+            let seq = copies.next().expect("without end");
+            let payload = Payload { encoding: "application/json;repose.X.v1".to_owned(), bytes: "{}".into() };
+            let entry = JournalEntry { seq, stamp_ns: seq, kind, cell: None, attachment, payload };
+            let payload = Payload::bulk(JournalEntry::SCHEMA, &entry.to_bulk()).expect("small");
+            writer.wire(&topic, &payload, seq).expect("written");
+        };
+        for (id, kind) in answered {
+            copy(JournalKind::Call, format!(r#"{{"v":1,"id":"{id}","method":"place","remaining_ms":1000}}"#));
+            copy(JournalKind::Reply, format!(r#"{{"v":1,"id":"{id}","kind":"{kind}"}}"#));
+        }
+        writer.finish(BTreeMap::new()).expect("written");
+        file
+    }
+
+    #[test]
+    fn where_one_request_is_asked_again_no_other_is_held_or_told_of() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let files = [recording(folder.path(), &[("one", "result"), ("two", "result"), ("three", "error")])];
+        let told = |request| {
+            let (calls, _) = read(&files, request).expect("a recording");
+            (calls.asked.into_iter().map(|asked| asked.id).collect::<Vec<_>>(), calls.errors.values().sum::<u64>())
+        };
+        assert_eq!(told(None), (vec!["one".to_owned(), "two".to_owned()], 1));
+        assert_eq!(told(Some("two")), (vec!["two".to_owned()], 0));
+        assert_eq!(told(Some("three")), (Vec::new(), 1));
     }
 }

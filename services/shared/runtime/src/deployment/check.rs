@@ -12,6 +12,7 @@ use repose_proto::{Cell, Service};
 use super::access::{Verb, may};
 use super::attempts::Attempts;
 use super::certificates::check_host;
+use super::files::{trial_file_of_router, write_trial};
 use super::probes::probes;
 use super::report::CheckReport;
 use super::roles::Roles;
@@ -36,7 +37,7 @@ impl TrialFiles {
     /// The file that is missing or cannot be written.
     pub fn write(roles: &Roles, deployment: &Path) -> Result<Self, RuntimeError> {
         let files = Self { folder: deployment.join(".check"), deployment: deployment.to_owned(), host: roles.host().to_owned() };
-        super::files::write_trial(roles, deployment, &files.folder).map_err(|e| RuntimeError::transport("preparing the trial", e))?;
+        write_trial(roles, deployment, &files.folder).map_err(|e| RuntimeError::transport("preparing the trial", e))?;
         Ok(files)
     }
 
@@ -49,7 +50,7 @@ impl TrialFiles {
         let file = self.deployment.join("router").join("router.pem");
         let certificate = std::fs::read_to_string(&file).map_err(|e| Failed::new(&file, e))?;
         check_host(&file, &certificate, &self.host)?;
-        Ok(self.folder.join("router.json5"))
+        Ok(trial_file_of_router(&self.folder))
     }
 }
 

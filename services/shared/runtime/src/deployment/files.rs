@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use repose_proto::{Cell, Service, limits};
 use serde_json::{Value, json};
@@ -32,17 +32,21 @@ pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<WrittenFi
     authority.sign(&mut files, &router.join("router.pem"), &router.join("router-key.pem"), roles.host(), &hosts)?;
     files.write_unless_there(&router.join("authority.pem"), &authority.certificate)?;
     let passwords = passwords(&mut files, roles, &router.join("users.txt"))?;
-    files.write(&router.join("router.json5"), &router_json5(roles, &installed_at.join("router")))?;
-    files.write_settings(&router.join("router.toml"), &router_toml(roles, &installed_at.join("router")))?;
+    let (settings, session) = (router.join("router.toml"), router.join("router.json5"));
+    // Settings come first: until they are written, the Zenoh file beside them says which of their endpoints was ours.
+    let listened = endpoint_before(&mut files, &session, "listen")?;
+    files.write_settings(&settings, &router_toml(roles, &installed_at.join("router")), listened.as_deref())?;
+    files.write(&session, &router_json5(roles, &installed_at.join("router")))?;
     for (name, user) in &roles.users {
         let (folder, installed) = (out.join("users").join(name), installed_at.join("users").join(name));
         if roles.login.has_certificates() {
             authority.sign(&mut files, &folder.join("certificate.pem"), &folder.join("key.pem"), name, &[])?;
         }
         files.write_unless_there(&folder.join("authority.pem"), &authority.certificate)?;
-        let session = user_json5(roles, name, passwords.get(name), &installed);
-        files.write_secret(&folder.join("zenoh.json5"), &session)?;
-        files.write_settings(&folder.join("repose.toml"), &user_toml(roles, name, user, &installed))?;
+        let (settings, session) = (folder.join("repose.toml"), folder.join("zenoh.json5"));
+        let connected = endpoint_before(&mut files, &session, "connect")?;
+        files.write_settings(&settings, &user_toml(roles, name, user, &installed), connected.as_deref())?;
+        files.write_secret(&session, &user_json5(roles, name, passwords.get(name), &installed))?;
         for (file, unit) in user_units(name, user, &installed) {
             files.write(&out.join("units").join(file), &unit)?;
         }
@@ -52,11 +56,30 @@ pub fn write(roles: &Roles, out: &Path, installed_at: &Path) -> Result<WrittenFi
     Ok(files.written())
 }
 
+/// The endpoint in a Zenoh file as it was written before; none where there is no file, or nothing like it in the file.
+fn endpoint_before(files: &mut Files, file: &Path, field: &str) -> Result<Option<String>, Failed> {
+    let text = files.existing(file)?.unwrap_or_default();
+    // Ours is JSON under lines of comment.
+    let json: String = text.lines().filter(|line| !line.starts_with("//")).collect();
+    let document: Option<Value> = serde_json::from_str(&json).ok();
+    Ok(document.and_then(|document| document.pointer(&format!("/{field}/endpoints/0"))?.as_str().map(str::to_owned)))
+}
+
+/// The router's Zenoh file in the folder of a trial.
+pub(super) fn trial_file_of_router(trial: &Path) -> PathBuf {
+    trial.join("router.json5")
+}
+
+/// A user's Zenoh file in the folder of a trial: in a folder of the users', one of whom may be called `router`.
+pub(super) fn trial_file_of_user(trial: &Path, name: &str) -> PathBuf {
+    trial.join("users").join(format!("{name}.json5"))
+}
+
 /// Writes the Zenoh files of a trial to `to`: as [`write`] does, with everything read from where it lies now.
 pub(super) fn write_trial(roles: &Roles, deployment: &Path, to: &Path) -> Result<(), Failed> {
     let mut files = Files::default();
     let router = deployment.join("router");
-    files.write_secret(&to.join("router.json5"), &router_json5(roles, &router))?;
+    files.write_secret(&trial_file_of_router(to), &router_json5(roles, &router))?;
     let missing = |path: &Path| Failed::new(path, "is missing; `repose deploy` writes it");
     let users = router.join("users.txt");
     let passwords = match roles.login.has_passwords() {
@@ -67,7 +90,7 @@ pub(super) fn write_trial(roles: &Roles, deployment: &Path, to: &Path) -> Result
     for name in roles.users.keys() {
         let password = passwords.get(name.as_str()).map(|password| (*password).to_owned());
         let installed = deployment.join("users").join(name);
-        files.write_secret(&to.join(format!("{name}.json5")), &user_json5(roles, name, password.as_ref(), &installed))?;
+        files.write_secret(&trial_file_of_user(to, name), &user_json5(roles, name, password.as_ref(), &installed))?;
     }
     Ok(())
 }
@@ -145,6 +168,7 @@ fn router_json5(roles: &Roles, installed: &Path) -> String {
         transport["auth"] = json!({"usrpwd": {"dictionary_file": at("users.txt")}});
     }
     let value = json!({
+        "listen": {"endpoints": [roles.listening()]},
         "transport": transport,
         "access_control": access_control(roles),
         "downsampling": [{"id": "frames of one camera", "messages": ["put"], "flows": ["ingress"], "rules": frame_limits(roles)}],

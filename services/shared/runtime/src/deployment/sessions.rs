@@ -9,6 +9,7 @@ use bytes::Bytes;
 use futures::future::{join_all, try_join_all};
 use repose_proto::{Cell, Payload, Priority, Service};
 
+use super::files::trial_file_of_user;
 use super::roles::Roles;
 use crate::transport::{OutgoingQuery, ReplyEvent, Transport};
 use crate::zenoh_transport::ZenohTransport;
@@ -65,8 +66,9 @@ pub(super) struct TrialSessions {
 }
 
 impl TrialSessions {
-    pub(super) async fn open(roles: &Roles, endpoint: &str, files: &Path) -> Result<Self, RuntimeError> {
-        let session = |name: &String| open(endpoint, files.join(format!("{name}.json5")));
+    /// Opens them with the files in the folder of a trial.
+    pub(super) async fn open(roles: &Roles, endpoint: &str, trial: &Path) -> Result<Self, RuntimeError> {
+        let session = |name: &String| open(endpoint, trial_file_of_user(trial, name));
         let opened = roles.users.keys().map(|name| async move { tokio::try_join!(session(name), session(name)) });
         let (mut sessions, mut of_users) = (Vec::new(), BTreeMap::new());
         for (name, (tries, witness)) in roles.users.keys().zip(try_join_all(opened).await?) {

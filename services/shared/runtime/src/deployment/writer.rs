@@ -56,10 +56,16 @@ impl Files {
         self.put(path, text, 0o644)
     }
 
-    /// A configuration: what an operator has set in it besides stays.
-    pub(super) fn write_settings(&mut self, path: &Path, ours: &str) -> Result<(), Failed> {
+    /// A configuration: what an operator has set in it besides stays. `endpoint_before` is the one that was ours, where that is known.
+    pub(super) fn write_settings(&mut self, path: &Path, ours: &str, endpoint_before: Option<&str>) -> Result<(), Failed> {
         let text = match std::fs::read_to_string(path) {
-            Ok(earlier) => settings::written_again(&earlier, ours).map_err(|e| Failed::new(path, e))?,
+            Ok(earlier) => {
+                let again = settings::written_again(&earlier, ours, endpoint_before).map_err(|e| Failed::new(path, e))?;
+                for unsure in &again.unsure {
+                    tracing::warn!(file = %path.display(), "{unsure}");
+                }
+                again.text
+            }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => ours.to_owned(),
             Err(error) => return Err(Failed::new(path, error)),
         };

@@ -144,6 +144,48 @@ fn a_router_of_another_name_needs_another_certificate() {
 }
 
 #[test]
+fn a_router_of_another_name_takes_the_place_of_the_earlier_one_among_an_operators_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let written = |router: &str| write(&roles(router), folder.path(), folder.path()).unwrap();
+    let [motion, router] = ["users/motion/repose.toml", "router/router.toml"].map(|file| folder.path().join(file));
+    let edit = |file: &Path, ours: &str, with_own: &str| {
+        let text = std::fs::read_to_string(file).unwrap();
+        assert!(text.contains(ours), "{text}");
+        std::fs::write(file, text.replace(ours, with_own)).unwrap();
+    };
+    let endpoints = || {
+        let session = |file: &Path| RuntimeConfig::load(Some(file)).unwrap().session;
+        (session(&motion).connect, session(&router).listen)
+    };
+    written("old.example:7447");
+    edit(&motion, "\"quic/old.example:7447\"", "\"quic/standby.example:7447\", \"quic/old.example:7447\"");
+    edit(&router, "\"quic/0.0.0.0:7447\"", "\"quic/0.0.0.0:7447\", \"tcp/127.0.0.1:7450\"");
+    let own = endpoints();
+    written("old.example:7447");
+    assert_eq!(endpoints(), own);
+    std::fs::remove_file(folder.path().join("router/router.pem")).unwrap();
+    for (host, port) in [("new.example", 7448), ("new.example", 7449)] {
+        written(&format!("{host}:{port}"));
+        let expected = (
+            vec!["quic/standby.example:7447".to_owned(), format!("quic/{host}:{port}")],
+            vec![format!("quic/0.0.0.0:{port}"), "tcp/127.0.0.1:7450".to_owned()],
+        );
+        assert_eq!(endpoints(), expected);
+    }
+}
+
+#[test]
+fn a_user_may_be_called_router_and_the_trials_router_is_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "router = \"router.example:7447\"\ncells = [\"lab\"]\n[users.router]\nrole = \"viewer\"\n";
+    let roles = Roles::parse(text).unwrap();
+    write(&roles, folder.path(), folder.path()).unwrap();
+    let trial = TrialFiles::write(&roles, folder.path()).unwrap();
+    let of_router = std::fs::read_to_string(trial.router().unwrap()).unwrap();
+    assert!(of_router.contains("access_control") && of_router.contains("users.txt"), "{of_router}");
+}
+
+#[test]
 fn a_certificate_of_an_operators_own_may_be_for_every_host_of_a_domain() {
     let folder = tempfile::tempdir().unwrap();
     let own = rcgen::generate_simple_self_signed(["*.cell.example".to_owned()]).unwrap();
