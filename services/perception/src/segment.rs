@@ -72,8 +72,9 @@ impl Parts {
         view.leave_out_held(&mut ids, settings);
         let coarse_labels = strided(&ids, view.stride);
         // The band is as wide in readings, however many pixels each fills.
-        let of_masks = Settings { borders: settings.borders.repeated(view.depth.repeat_px()), ..settings.clone() };
-        let masks = CleanMasks::new(ids, no_objects, view.depth.depth_m(), view.camera.fx as f32, &of_masks);
+        let repeat_px = view.depth.repeat_px();
+        let of_masks = Settings { borders: settings.borders.repeated(repeat_px), ..settings.clone() };
+        let masks = CleanMasks::new(ids, no_objects, view.depth.depth_m(), view.camera.fx as f32 / repeat_px as f32, &of_masks);
         let masks = masks.ok_or_else(|| match view.depth.readings() {
             0 => SegmentError::RobotsOnly { readings: view.readings - view.flying },
             readings => SegmentError::NothingLeft { readings, border_px: of_masks.borders.radius_px },

@@ -94,7 +94,8 @@ impl DepthView {
     pub fn labelled(&mut self, frame: &Frame, settings: &Settings) -> Result<Found, SegmentError> {
         if let Some(labels) = &frame.labels {
             let labels = as_image(labels.clone(), &self.camera, "labels")?;
-            self.flying += stray::remove(&labels, self.depth.depth_m_mut(), self.camera.fx as f32, &settings.flying);
+            let focal_px = self.camera.fx as f32 / self.depth.repeat_px() as f32;
+            self.flying += stray::remove(&labels, self.depth.depth_m_mut(), focal_px, &settings.flying);
             self.coarse.leave_out_unread(self.depth.depth_m());
             return Ok(Found::objects(labels));
         }

@@ -49,7 +49,7 @@ impl CleanMasks {
         let mut band = border_band(&labels, &settings.borders);
         let mut tally = Tally::of(depth_m, &labels, &band);
         let enough = |readings: usize| readings >= settings.min_object_points;
-        let masks = || (0u16..).zip(&tally.masks);
+        let masks = || (0..=u16::MAX).zip(&tally.masks);
         let (kept, few): (Vec<_>, Vec<_>) =
             masks().filter(|(_, mask)| mask.pixels > 0).partition(|(id, mask)| *id == 0 || enough(mask.readings));
         let is_bare = kept.iter().all(|(_, mask)| mask.readings == 0);
@@ -139,7 +139,7 @@ impl Tally {
 
     /// The objects with the fewest readings beyond as many as a scene may have.
     fn surplus(&self) -> Vec<u16> {
-        let of_objects = (0u16..).zip(&self.masks).skip(1).filter(|(_, mask)| mask.pixels > 0);
+        let of_objects = (0..=u16::MAX).zip(&self.masks).skip(1).filter(|(_, mask)| mask.pixels > 0);
         let mut largest_first: Vec<(u16, usize)> = of_objects.map(|(id, mask)| (id, mask.readings)).collect();
         largest_first.sort_by_key(|(id, readings)| (std::cmp::Reverse(*readings), *id));
         largest_first.into_iter().skip(limits::MAX_OBJECTS).map(|(id, _)| id).collect()

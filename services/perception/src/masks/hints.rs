@@ -127,7 +127,9 @@ fn split(labels: &mut Image<u16>, no_objects: &mut BTreeMap<u16, LeftOutReason>,
     let first: Vec<usize> = readings.iter().filter(|(_, p)| !is_second(&middles, p)).map(|(i, _)| *i).collect();
     // What is no object keeps its number and its reason though no pixel may be left of it.
     let told = no_objects.keys().copied();
-    let fresh = labels.pixels().iter().copied().chain(told).max()?.checked_add(1)?;
+    let used: BTreeSet<u16> = labels.pixels().iter().copied().chain(told).collect();
+    // Labels that use the last number, as a name for nothing, leave others.
+    let fresh = used.last()?.checked_add(1).or_else(|| (1..=u16::MAX).find(|id| !used.contains(id)))?;
     for i in if second.len() <= first.len() { second } else { first } {
         labels.pixels_mut()[i] = fresh;
     }
@@ -170,6 +172,15 @@ mod tests {
             assert!(ids.len() == 1 && no_objects.is_empty(), "lists with an id in common are one object: {merge:?} gave {ids:?}");
         }
         let (labels, _) = followed(&SegmentHints { split: vec![2], ..SegmentHints::default() }).unwrap();
+        let counts = [2, 4].map(|id| labels.pixels().iter().filter(|other| **other == id).count());
+        assert!(counts[0] + counts[1] == 400 && counts[1] >= 150, "{counts:?}");
+    }
+
+    #[test]
+    fn an_object_is_split_though_the_last_number_is_taken() {
+        let (mut labels, mut no_objects, depth) = picture();
+        labels.pixels_mut()[0] = u16::MAX;
+        follow(&mut labels, &mut no_objects, &depth, &SegmentHints { split: vec![2], ..SegmentHints::default() }).unwrap();
         let counts = [2, 4].map(|id| labels.pixels().iter().filter(|other| **other == id).count());
         assert!(counts[0] + counts[1] == 400 && counts[1] >= 150, "{counts:?}");
     }

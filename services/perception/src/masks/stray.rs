@@ -14,7 +14,8 @@ use crate::settings::FlyingSettings;
 /// larger ends.
 const LEAST_SHARE: f64 = 0.05;
 
-/// Replaces stray readings of the masks by NaN; how many there were. Neighbours lie on one surface as flying readings are judged.
+/// Replaces stray readings of the masks by NaN; how many there were. Neighbours lie on one surface as flying readings are judged; `focal_px` is that of
+/// a picture of the readings, each in one pixel.
 pub fn remove(labels: &Image<u16>, depth_m: &mut Image<f32>, focal_px: f32, settings: &FlyingSettings) -> usize {
     let is_stray = Patches::of(labels, depth_m, StepLimit::new(settings, focal_px)).are_stray();
     let mut removed = 0;

@@ -30,7 +30,7 @@ pub struct MaskedDepth<'a> {
     pub labels: &'a Image<u16>,
     /// Depth, metres; NaN where there is no reading.
     pub depth_m: &'a Image<f32>,
-    /// The picture's focal length, pixels.
+    /// The focal length of a picture of its readings, each in one pixel, pixels.
     pub focal_px: f32,
 }
 

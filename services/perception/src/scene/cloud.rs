@@ -1,7 +1,7 @@
 //! The scene's points: every reading outside the border bands, thinned where there are too many.
 //!
-//! Each object, and all that is none, keeps the same share of its readings, evenly spread; but no object keeps fewer than make one while it has them:
-//! what is small in a large picture would be left without a shape, or without a point.
+//! Each object, and all that is none, keeps the same share of its readings, evenly spread over the picture; but no object keeps fewer than make one while
+//! it has them: what is small in a large picture would be left without a shape, or without a point.
 
 use repose_geometry::{Isometry3, Vector3};
 
@@ -30,21 +30,27 @@ impl Cloud {
         settings: &Settings,
     ) -> Self {
         if masks.available <= settings.max_points {
-            return Self::of_taken(depth, world_from_camera, masks, colors, masks.available, |_, stays| stays);
+            return Self::of_taken(depth, world_from_camera, masks, colors, masks.available, |_, _, stays| stays);
         }
-        let mut shares = shares(&masks.readings, settings.max_points, settings.min_object_points);
-        let wanted = shares.iter().map(|share| share.wanted).sum();
-        Self::of_taken(depth, world_from_camera, masks, colors, wanted, |id, stays| shares[usize::from(id)].takes(stays))
+        let wanted = shares(&masks.readings, settings.max_points, settings.min_object_points);
+        let firsts = Firsts::of(depth, masks, settings.max_points);
+        let mut shares: Vec<[Share; 2]> =
+            wanted.iter().zip(masks.readings.iter().zip(&firsts.counts)).map(|(wanted, (n, firsts))| split(*wanted, *n, *firsts)).collect();
+        Self::of_taken(depth, world_from_camera, masks, colors, wanted.iter().sum(), |i, id, stays| {
+            let [of_firsts, of_others] = &mut shares[usize::from(id)];
+            if firsts.is_first[i] { of_firsts.takes(stays) } else { of_others.takes(stays) }
+        })
     }
 
-    /// The `wanted` readings that `takes` says, which is asked about every pixel, with its object and whether it has a reading outside the bands.
+    /// The `wanted` readings that `takes` says, which is asked about every pixel, with its number, its object and whether it has a reading outside the
+    /// bands.
     fn of_taken(
         depth: &DepthMap,
         world_from_camera: &Isometry3<f64>,
         masks: &CleanMasks,
         colors: Option<&[[u8; 3]]>,
         wanted: usize,
-        mut takes: impl FnMut(u16, bool) -> bool,
+        mut takes: impl FnMut(usize, u16, bool) -> bool,
     ) -> Self {
         let depths = depth.depth_m().pixels();
         let (labels, band) = (masks.labels.pixels(), masks.band.pixels());
@@ -62,7 +68,7 @@ impl Cloud {
             let of_row = to_world.row(*y);
             let (depths, labels, band) = (&depths[row.clone()], &labels[row.clone()], &band[row.clone()]);
             for (u, (((z, &id), banded), x)) in depths.iter().zip(labels).zip(band).zip(depth.slope_x()).enumerate() {
-                let taken = takes(id, !z.is_nan() & !banded);
+                let taken = takes(row.start + u, id, !z.is_nan() & !banded);
                 points[end] = of_row.point(*x, *z);
                 ids[end] = id;
                 pixels[end] = (row.start + u) as u32;
@@ -76,7 +82,48 @@ impl Cloud {
     }
 }
 
-/// How many of an object's readings are taken, and how many are owed so far.
+/// The readings that are the first of their object in their block of the picture. Taken before others, they leave no hole in a picture of such blocks,
+/// where every so-many-th reading of each row would leave many.
+struct Firsts {
+    /// Of each pixel.
+    is_first: Vec<bool>,
+    /// How many each object has, by id.
+    counts: Vec<usize>,
+}
+
+impl Firsts {
+    /// With the smallest square blocks that are at most `max_blocks`.
+    fn of(depth: &DepthMap, masks: &CleanMasks, max_blocks: usize) -> Self {
+        let (width, height) = (depth.width(), depth.depth_m().height());
+        let in_blocks = |side: usize| width.div_ceil(side) * height.div_ceil(side);
+        let side = (1..width.max(height)).find(|side| in_blocks(*side) <= max_blocks).unwrap_or(width.max(height));
+        // The objects that each block of the row of blocks has shown.
+        let mut shown: Vec<Vec<u16>> = vec![Vec::new(); width.div_ceil(side)];
+        let (mut is_first, mut counts) = (vec![false; width * height], vec![0; masks.readings.len()]);
+        let pixels = depth.depth_m().pixels().iter().zip(masks.labels.pixels()).zip(masks.band.pixels());
+        for (i, ((z, id), banded)) in pixels.enumerate() {
+            let (u, v) = (i % width, i / width);
+            if u == 0 && v % side == 0 {
+                shown.iter_mut().for_each(Vec::clear);
+            }
+            let shown = &mut shown[u / side];
+            if !z.is_nan() && !banded && !shown.contains(id) {
+                shown.push(*id);
+                is_first[i] = true;
+                counts[usize::from(*id)] += 1;
+            }
+        }
+        Self { is_first, counts }
+    }
+}
+
+/// What an object of `available` readings gives of the first ones in their blocks and of the others, so that `wanted` are taken.
+fn split(wanted: usize, available: usize, firsts: usize) -> [Share; 2] {
+    let of_firsts = wanted.min(firsts);
+    [Share { wanted: of_firsts, available: firsts, owed: 0 }, Share { wanted: wanted - of_firsts, available: available - firsts, owed: 0 }]
+}
+
+/// How many of some readings are taken, and how many are owed so far.
 #[derive(Debug, Clone, Copy)]
 struct Share {
     wanted: usize,
@@ -94,9 +141,9 @@ impl Share {
     }
 }
 
-/// The shares of the objects, by id, where there are more than `max_points` readings. No object keeps fewer than `min_object_points` while it has them
+/// How many readings of each object are taken, by id, where there are more than `max_points`. No object keeps fewer than `min_object_points` while it has them
 /// and there is room for so many of each.
-fn shares(readings: &[usize], max_points: usize, min_object_points: usize) -> Vec<Share> {
+fn shares(readings: &[usize], max_points: usize, min_object_points: usize) -> Vec<usize> {
     let of_objects = || readings.iter().enumerate().skip(1);
     let least = min_object_points.min(max_points / of_objects().filter(|(_, n)| **n > 0).count().max(1));
     let mut wanted: Vec<Option<usize>> = vec![None; readings.len()];
@@ -118,7 +165,7 @@ fn shares(readings: &[usize], max_points: usize, min_object_points: usize) -> Ve
     if let (Some(first), Some(n)) = (wanted.first_mut(), readings.first()) {
         *first = (max_points - of_named).min(*n);
     }
-    readings.iter().zip(wanted).map(|(n, wanted)| Share { wanted, available: *n, owed: 0 }).collect()
+    wanted
 }
 
 /// A camera's pose, applied to rays: the rotated ray of a pixel is linear in its slopes.
@@ -194,6 +241,27 @@ mod tests {
         assert_eq!(counts(label, 20_000).values().sum::<usize>(), 20_000);
         // Where there is no room for so many of each, they share what there is.
         assert_eq!(counts(|i| 1 + (i / 2000) as u16, 100), (1..=10).map(|id| (id, 10)).collect());
+    }
+
+    #[test]
+    fn a_large_picture_thinned_leaves_no_hole_in_one_of_half_the_size() {
+        let (width, height) = (320, 200);
+        let camera = Pinhole { width, height, fx: 300.0, fy: 300.0, cx: 159.5, cy: 99.5 };
+        // A hole of the sensor's here and there, and an object in the middle.
+        let count = |i: usize| if i % 7 == 3 { 0 } else { 1000 };
+        let depth = DepthMap::new(&(0..width * height).map(count).collect::<Vec<_>>(), 0.001, &camera, 5.0);
+        let is_object = |i: usize| (100..200).contains(&(i % width)) && (60..120).contains(&(i / width));
+        let labels = Image::from_pixels(width, height, (0..width * height).map(|i| u16::from(is_object(i))).collect()).unwrap();
+        let settings = Settings { max_points: 20_000, borders: BorderSettings { radius_px: 0 }, ..Settings::default() };
+        let masks = CleanMasks::new(labels, BTreeMap::new(), depth.depth_m(), 300.0, &settings).unwrap();
+        let cloud = Cloud::new(&depth, &Isometry3::identity(), &masks, None, &settings);
+        assert_eq!(cloud.points.len(), 20_000);
+        let half = camera.shrunk(width / 2);
+        let mut shown = Image::filled(half.width, half.height, false);
+        for point in &cloud.points {
+            shown[half.pixel_of(&Point3::from(*point).cast()).unwrap()] = true;
+        }
+        assert_eq!(shown.pixels().iter().filter(|shown| !**shown).count(), 0);
     }
 
     proptest! {

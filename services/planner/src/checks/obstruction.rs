@@ -1,7 +1,11 @@
 //! What is in a candidate's way, by cells: every prism of the query against the runs above the floor plan.
 //!
-//! Cheap enough for every candidate of a search. Completed backs of objects are in the way too.
+//! Cheap enough for every candidate of a search. Completed backs of objects are in the way too. The cells are those around the objects: of what reaches
+//! beyond them, the points are asked.
 
+use nalgebra::Point3;
+
+use crate::checks::prisms::PlacedPrisms;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::scene::query::{OutlineCell, QueryObject};
@@ -78,8 +82,12 @@ pub fn obstruction(
     let cells = query.prisms.iter().map(|p| p.inside).sum::<usize>().max(1);
     let doubtful_share = in_way.doubtful as f64 / query.prisms.iter().map(|p| p.doubtful).sum::<usize>().max(1) as f64;
     let strays = settings.stray_cells.max((settings.stray_share * cells as f32) as usize);
+    let colliding = |colliding_share| Obstruction { colliding_share, clearance_m: 0.0, apart_m: 0.0, doubtful_share };
     if in_way.colliding > strays || deepest > settings.stray_cells {
-        return Obstruction { colliding_share: in_way.colliding as f64 / cells as f64, clearance_m: 0.0, apart_m: 0.0, doubtful_share };
+        return colliding(in_way.colliding as f64 / cells as f64);
+    }
+    if meets_off_the_map(prepared, query, candidate, floor_m, settings) {
+        return colliding(1.0);
     }
     let nearest_m = |by_distance: &[usize; BINS]| {
         let mut found = 0;
@@ -91,6 +99,25 @@ pub fn obstruction(
     };
     let (clearance_m, apart_m) = (nearest_m(&in_way.near), nearest_m(&in_way.apart));
     Obstruction { colliding_share: 0.0, clearance_m, apart_m, doubtful_share }
+}
+
+/// Whether points beyond the map of the columns, which ends a little beyond the objects, are in the query above its floor.
+fn meets_off_the_map(
+    prepared: &PreparedScene,
+    query: &QueryObject,
+    candidate: &CandidatePose,
+    floor_m: f32,
+    settings: &ClearanceSettings,
+) -> bool {
+    let columns = &prepared.belief.columns;
+    if columns.covers(&candidate.carrying().at, query.reach_m) {
+        return false;
+    }
+    let placed = PlacedPrisms::new(&query.shape, candidate);
+    let Some(bounds) = placed.bounds() else { return false };
+    let points = prepared.point_grid();
+    let is_in_it = |point: &Point3<f32>| point.z > floor_m && !columns.covers(&point.xy(), 0.0) && placed.to_point_m(point) <= 0.0;
+    points.around(&bounds, 0.0).filter(|(point, label)| *label != query.id && is_in_it(point)).count() > settings.stray_points
 }
 
 /// The cells that something else fills.
@@ -156,6 +183,25 @@ mod tests {
         assert!(beside.colliding_share == 0.0 && (0.01..0.03).contains(&beside.clearance_m), "{beside:?}");
         let touching = at(0.082, 0.1, 0.001);
         assert!(judge(&touching, &[1]).colliding_share == 0.0 && judge(&touching, &[1]).clearance_m > 0.03);
+    }
+
+    #[test]
+    fn what_stands_far_from_every_object_and_is_none_is_in_the_way_too() {
+        // What has label 0 is no object, so that the map of the columns ends 0.8 m beyond the query.
+        let unlabelled = |x: f64| {
+            let table = SceneBuilder::table().object(2, [-0.45, 0.0], [0.06, 0.06, 0.08]);
+            let prepared = table.object(0, [x, 0.0], [0.1, 0.1, 0.2]).prepared();
+            let fixed = Fixed::default();
+            let query = QueryObject::new(&prepared, 2, 0.0, &fixed).unwrap();
+            let at = |x: f32| obstruction(&prepared, &query, &standing_at(&query, x, -0.05, 0.001), &[], &fixed.clearance, &fixed.support);
+            let covered = prepared.belief.columns.covers(&nalgebra::Point2::new(x as f32, 0.0), 0.1);
+            (covered, at(x as f32).colliding_share, at(x as f32 + 0.15).colliding_share)
+        };
+        for x in [0.15, 0.44] {
+            let (is_covered, inside, beside) = unlabelled(x);
+            assert_eq!(is_covered, x < 0.3);
+            assert!(inside > 0.05 && beside == 0.0, "{x} m: {inside}, {beside}");
+        }
     }
 
     #[test]

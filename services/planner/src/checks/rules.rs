@@ -68,8 +68,7 @@ impl Rules {
             anchors.entry(term.anchor).or_insert_with(|| RuleObject::new(shape, &object.points, viewer));
         }
         let (object, shape) = prepared.object(query, "query")?;
-        let cloud = cloud::voxel_downsampled(&object.points, settings.orientation_voxel_m);
-        let query = RuleObject::new(shape, &cloud, viewer);
+        let query = RuleObject::new(shape, &object.points, viewer);
         Ok(Self { terms: goal.to_vec(), anchors, viewer: *viewer, query, settings: settings.clone() })
     }
 
@@ -251,6 +250,18 @@ mod tests {
         assert!([over, aside].iter().all(|at| rules.checks(at)[0].holds), "both by the rule");
         assert_eq!(rules.aside_m(&over, 1), 0.0);
         assert!((rules.aside_m(&aside, 1) - 0.1).abs() < 0.02, "{}", rules.aside_m(&aside, 1));
+    }
+
+    #[test]
+    fn the_turn_that_aligns_two_small_things_is_the_same_from_either() {
+        let prepared =
+            SceneBuilder::table().object(1, [0.0, 0.0], [0.03, 0.02, 0.03]).object(2, [-0.13, -0.07], [0.02, 0.02, 0.04]).prepared();
+        let turn_rad = |query: u16, anchor: u16| {
+            let goal = [GoalTerm { relation: Relation::Aligned, anchor, holds: true }];
+            let rules = Rules::new(&prepared, query, &goal, &ViewerFrame::from_yaw(0.0), &RuleSettings::default()).unwrap();
+            rules.aligning_yaw_rad(anchor).unwrap()
+        };
+        assert_eq!(turn_rad(1, 2), -turn_rad(2, 1));
     }
 
     #[test]

@@ -202,13 +202,11 @@ pub struct RuleSettings {
     pub comfort_m: f64,
     /// Heights of a bottom and a top this close are in contact, metres.
     pub contact_m: f64,
-    /// The orientation of the query is read from points this far apart, metres.
-    pub orientation_voxel_m: f32,
 }
 
 impl Default for RuleSettings {
     fn default() -> Self {
-        Self { min_margin_m: 0.003, comfort_m: 0.06, contact_m: 0.009, orientation_voxel_m: 0.008 }
+        Self { min_margin_m: 0.003, comfort_m: 0.06, contact_m: 0.009 }
     }
 }
 

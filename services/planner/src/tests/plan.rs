@@ -152,7 +152,7 @@ fn a_place_is_refused_by_what_a_search_refuses_it_by_and_an_answer_is_not() {
         assert_eq!(why(&placed), None);
         assert_eq!(why(&(Translation3::new(0.0, 5.0, 0.0) * placed)), Some(Rejection::OutOfView));
     }
-    assert_eq!(why(&Isometry3::identity()), Some(Rejection::Goal), "where it stands it is not there yet");
+    assert_eq!(why(&Isometry3::translation(-0.12, 0.0, 0.0)), Some(Rejection::Goal), "there it stands free, to the left");
 }
 
 #[test]

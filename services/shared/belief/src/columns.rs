@@ -119,6 +119,15 @@ impl ColumnMap {
         tops.copied().fold(f32::NEG_INFINITY, f32::max)
     }
 
+    /// Whether all that is within `reach_m` of a place, along x and y, is on the map.
+    pub fn covers(&self, place: &Point2<f32>, reach_m: f32) -> bool {
+        let Grid { origin, cell_m, cells } = self.grid;
+        (0..2).all(|k| {
+            let along_m = place[k] - origin[k];
+            along_m >= reach_m && along_m + reach_m <= cells[k] as f32 * cell_m
+        })
+    }
+
     /// How many cells there are.
     pub fn cell_count(&self) -> usize {
         self.grid.count()
