@@ -86,6 +86,19 @@ impl Execution {
         }
     }
 
+    /// Ends it on the way. With an object, fingers that have not settled may hold it though the robot's side does not say so: they are waited for.
+    pub(super) fn end_on_the_way(&mut self, reason: String, now_ms: u64) -> Vec<ExecutionAction> {
+        let may_hold = self.current().name.is_carrying() && !self.last_state.gripper_settled && !self.last_state.gripper_holding;
+        match self.stage {
+            Stage::Stream { taken, .. } if may_hold && self.is_taken(taken.first_seq) => {
+                self.cancelled = Some(reason);
+                self.stage = Stage::Slip { taken, since_ms: self.last_state.robot_ms };
+                self.kept_alive()
+            }
+            _ => self.end(ExecutionOutcome::Stopped, Some(reason), now_ms),
+        }
+    }
+
     /// Where the phase's gripper action sends the fingers, metres.
     fn wanted_m(&self) -> f64 {
         self.current().gripper.map_or(0.0, |g| g.width_m)

@@ -4,7 +4,6 @@
 //! accelerations only shrink; what slowing adds is kept to a share of the limits by taking the time it needs.
 
 use repose_panda::{JOINT_COUNT, JointLimits, hermite, smooth_step};
-use repose_proto::motion::ExecutionOutcome;
 use repose_proto::robot::{RobotCommand, SetPoint};
 
 use super::{Execution, ExecutionAction, Taken};
@@ -82,8 +81,8 @@ impl Execution {
     }
 
     pub(super) fn end_halt(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
-        let reason = self.halt.as_ref().map(|halt| halt.reason.clone());
-        self.end(ExecutionOutcome::Stopped, reason, now_ms)
+        let reason = self.halt.as_ref().map(|halt| halt.reason.clone()).unwrap_or_default();
+        self.end_on_the_way(reason, now_ms)
     }
 }
 

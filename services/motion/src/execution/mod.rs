@@ -362,11 +362,14 @@ impl Execution {
     fn end_stream(&mut self, now_ms: u64) -> Vec<ExecutionAction> {
         if !self.has_arrived() {
             // An arm that is held up on the last straight way to the object has a finger on it, or on what stands beside it.
-            let (outcome, reason) = match self.current().name {
-                Phase::Approach => (ExecutionOutcome::GraspLost, "the hand met something before it was at the object".to_owned()),
-                _ => (ExecutionOutcome::Stopped, self.behind()),
-            };
-            return self.end(outcome, Some(reason), now_ms);
+            if self.current().name == Phase::Approach {
+                return self.end(
+                    ExecutionOutcome::GraspLost,
+                    Some("the hand met something before it was at the object".to_owned()),
+                    now_ms,
+                );
+            }
+            return self.end_on_the_way(self.behind(), now_ms);
         }
         self.end_phase(now_ms)
     }
@@ -443,12 +446,10 @@ impl Execution {
         RobotCommand { set_points, starts_stream, ends_stream, ..self.command() }
     }
 
-    /// Ends at a robot that stands and listens: closes the task, and is over when the robot shows that. A task that was to end later stays open, which
-    /// latches a stop, on the way with an object where the fingers have not settled: they may hold it though the robot's side does not say so.
+    /// Ends at a robot that stands and listens: closes the task, and is over when the robot shows that.
     fn end(&mut self, outcome: ExecutionOutcome, reason: Option<String>, now_ms: u64) -> Vec<ExecutionAction> {
         let reply = self.reply(outcome, reason);
-        let may_hold = self.current().name.is_carrying() && !self.last_state.gripper_settled && !self.last_state.gripper_holding;
-        if !self.knows_tasks || (may_hold && outcome == ExecutionOutcome::Stopped) {
+        if !self.knows_tasks {
             return self.done(reply);
         }
         let command = self.closing();
