@@ -140,6 +140,17 @@ async fn begun(world: &World) {
     tokio::time::timeout(WITHIN, world.has_begun.notified()).await.expect("begun in time");
 }
 
+/// Watches the cell, and asks as number 2 for the motion to a place; once motion has begun with it, the scene that it is of.
+async fn plan_that_has_begun(world: &World, viewer: &mut Socket) -> String {
+    let scene_id = world.sees(WorldFrame::Extrinsics);
+    ask(viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
+    heard(viewer, |m| m["kind"] == "robot").await;
+    let placements = [[1., 0., 0., 0.1, 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]];
+    ask(viewer, json!({"id": 2, "ask": "plan", "scene_id": scene_id, "robot": "panda", "query": 1, "placements": placements})).await;
+    begun(world).await;
+    scene_id
+}
+
 /// A request for a sequence of two goals.
 fn sequence(id: u64, scene_id: &str) -> Value {
     let terms = json!([{"relation": "left_of", "anchor": 2, "holds": true}]);
@@ -210,12 +221,7 @@ async fn a_cell_that_was_chosen_and_left_again_leaves_its_camera_to_nobody() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_plan_that_comes_when_another_cell_is_watched_is_not_to_be_carried_out() {
     let (_console, world, mut viewer) = working_cell().await;
-    let scene_id = world.sees(WorldFrame::Extrinsics);
-    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
-    heard(&mut viewer, |m| m["kind"] == "robot").await;
-    let placements = [[1., 0., 0., 0.1, 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]];
-    ask(&mut viewer, json!({"id": 2, "ask": "plan", "scene_id": scene_id, "robot": "panda", "query": 1, "placements": placements})).await;
-    begun(&world).await;
+    let scene_id = plan_that_has_begun(&world, &mut viewer).await;
     ask(&mut viewer, json!({"id": 3, "ask": "watch", "cell": "far", "camera": "top"})).await;
     assert_eq!(heard(&mut viewer, |m| m["kind"] == "watching" && m["cell"] == "far").await["cell"], "far");
     world.may_answer.notify_one();
@@ -355,12 +361,7 @@ async fn a_console_that_may_not_wait_says_on_its_pages_what_it_leaves_undone() {
 #[tokio::test(flavor = "multi_thread")]
 async fn who_asked_for_a_motion_has_its_answer_before_the_console_ends() {
     let ((mut console, _servers), world, mut viewer) = working_cell().await;
-    let scene_id = world.sees(WorldFrame::Extrinsics);
-    ask(&mut viewer, json!({"id": 1, "ask": "watch", "cell": "cell", "camera": "front"})).await;
-    heard(&mut viewer, |m| m["kind"] == "robot").await;
-    let placements = [[1., 0., 0., 0.1, 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]];
-    ask(&mut viewer, json!({"id": 2, "ask": "plan", "scene_id": scene_id, "robot": "panda", "query": 1, "placements": placements})).await;
-    begun(&world).await;
+    plan_that_has_begun(&world, &mut viewer).await;
     world.may_answer.notify_one();
     let planned = heard(&mut viewer, |m| m["id"] == 2).await;
     ask(&mut viewer, json!({"id": 3, "ask": "execute", "plan": planned["result"]["plan"]})).await;
