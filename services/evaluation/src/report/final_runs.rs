@@ -78,10 +78,8 @@ pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_
     file.lock().map_err(failed)?;
     let mut text = String::new();
     file.read_to_string(&mut text).map_err(failed)?;
-    let runs: Result<Vec<FinalRun>, FileError> =
-        text.lines().map(|line| serde_json::from_str(line).map_err(|e| FileError::new(ledger, e))).collect();
-    let runs: Vec<FinalRun> = runs?.into_iter().filter(|run| run.table == table).collect();
-    let next = runs.iter().map(|run| run.block + 1).max().unwrap_or(0);
+    let runs = runs_of(table, &text, ledger)?;
+    let next = next_of(&runs);
     let goes_on = |run: &FinalRun| run.commit == commit && run.made_with == *made_with;
     // Without a block asked for, the last run goes on if it can.
     let block = asked.or_else(|| runs.last().filter(|run| goes_on(run)).map(|run| run.block)).unwrap_or(next);
@@ -99,6 +97,36 @@ pub fn claim(ledger: &Path, table: &str, asked: Option<u64>, commit: &str, made_
     let end = if text.is_empty() || text.ends_with('\n') { "" } else { "\n" };
     append(&mut file, &format!("{end}{line}\n")).map_err(failed)?;
     Ok(block)
+}
+
+/// Refuses a block that nothing was published from yet: to look at its scenes would spoil them for that.
+///
+/// # Errors
+/// [`FinalRunError`] when the block was not run for the table, or the ledger cannot be read.
+pub fn check_was_run(ledger: &Path, table: &str, block: u64) -> Result<(), FinalRunError> {
+    let text = std::fs::read_to_string(ledger).map_err(|e| FileError::new(ledger, e))?;
+    let runs = runs_of(table, &text, ledger)?;
+    if runs.iter().any(|run| run.block == block) {
+        return Ok(());
+    }
+    Err(FinalRunError::Block {
+        asked: block,
+        why: "was not run, and is no validation split yet",
+        table: table.to_owned(),
+        next: next_of(&runs),
+    })
+}
+
+/// The runs of a table in the text of a ledger.
+fn runs_of(table: &str, text: &str, ledger: &Path) -> Result<Vec<FinalRun>, FileError> {
+    let runs: Result<Vec<FinalRun>, FileError> =
+        text.lines().map(|line| serde_json::from_str(line).map_err(|e| FileError::new(ledger, e))).collect();
+    Ok(runs?.into_iter().filter(|run| run.table == table).collect())
+}
+
+/// The block that is run next.
+fn next_of(runs: &[FinalRun]) -> u64 {
+    runs.iter().map(|run| run.block + 1).max().unwrap_or(0)
 }
 
 /// Adds to a file all of a text or nothing, and waits until the disk has it: a run whose line a power cut takes away would be run again.
@@ -137,6 +165,10 @@ mod tests {
         assert!(refused(1).contains("validation split now") && refused(1).contains("planner is 3"), "{}", refused(1));
         assert!(refused(7).contains("is not the next"));
         assert_eq!(std::fs::read_to_string(&ledger).expect("a file").lines().count(), 4);
+        assert!(check_was_run(&ledger, "planner", 2).is_ok(), "a block that was run may be looked at");
+        let not_yet = [("planner", 3), ("relations", 1)]
+            .map(|(table, block)| check_was_run(&ledger, table, block).expect_err("nor others").to_string());
+        assert!(not_yet[0].contains("planner is 3") && not_yet[1].contains("relations is 1"), "{not_yet:?}");
         let dirty = claim(&ledger, "planner", None, "c3-dirty", &new).expect_err("what made it has no name").to_string();
         assert!(dirty.contains("c3") && dirty.contains("commit first"), "{dirty}");
     }

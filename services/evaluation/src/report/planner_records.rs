@@ -106,6 +106,7 @@ mod tests {
             goal,
             true_supports: 1,
             whole_based: true,
+            stands_alone: true,
             true_refusals: Vec::new(),
             script: ScriptTrial { release: None },
             trials: Vec::new(),

@@ -27,6 +27,7 @@ use crate::scenes::outcome::{Release, STABLE_M, judge, release};
 use crate::scenes::perturbation::Perturbation;
 use crate::scenes::problem::{Problem, ProblemSettings};
 use crate::scenes::script::script_placement;
+use crate::scenes::standing_samples::stands_alone;
 use crate::scenes::true_answers::{PreparedTruth, Support, TrueAnswer, TruthSettings};
 use crate::scenes::true_shapes::KnownShapes;
 
@@ -236,6 +237,9 @@ pub struct SceneRecord {
     /// Whether that search finds one that stands with its whole base: nothing else may be set over an edge on purpose.
     #[serde(default)]
     pub whole_based: bool,
+    /// Whether the object stands by itself in the attitude in which it was seen: one that leans can only be set down leaning on something.
+    #[serde(default)]
+    pub stands_alone: bool,
     /// Why the planner would refuse the answers of that search, by what it believes and before any network is asked: the first constraint that fails, none
     /// where all hold.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -316,6 +320,7 @@ pub fn try_scene(
         goal: problem.goal,
         true_supports: answers.len(),
         whole_based: truth.has_whole_based(&answers, &settings.truth, &settings.release),
+        stands_alone: problem.index_of(problem.query).is_some_and(|query| stands_alone(&problem.truth.objects[query])),
         true_refusals,
         script: ScriptTrial::of(&seen, &settings.release),
         trials,

@@ -99,7 +99,7 @@ fn on_sides(prepared: &PreparedScene, object: &SceneObject) -> Vec<(Vec<f32>, bo
 }
 
 /// Whether an object neither tips nor moves away when it is let go over an empty floor in the attitude that it has.
-fn stands_alone(object: &SceneObject) -> bool {
+pub(crate) fn stands_alone(object: &SceneObject) -> bool {
     let half = nalgebra::Vector3::new(FLOOR_M, FLOOR_M, 0.025);
     let floor = Fixture::new(FurnitureRole::Floor, half, Isometry3::translation(0.0, 0.0, -half.z), [128; 3]);
     let alone = SimulatedScene {

@@ -150,8 +150,8 @@ pub struct PlannerRow {
     pub returned: Rate,
     /// The joint rate, of the scenes with an answer.
     pub joint: Rate,
-    /// The joint rate, of the scenes with an answer that stands with its whole base.
-    pub joint_of_whole_based: Rate,
+    /// The joint rate, of the scenes with an answer that needs no luck: the object stands by itself, and with its whole base.
+    pub joint_of_self_standing: Rate,
     /// Of the placements returned, in scenes with an answer or without: those that succeed.
     pub right_when_returned: Rate,
     /// Placements returned that fail, by what is wrong with them.
@@ -237,7 +237,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
     let rate = Rate::default();
     let (mut of_all, mut of_answerable) = (Columns::default(), Columns::default());
     let (mut returned, mut joint, mut right_when_returned, mut none_precision, mut none_recall) = (rate, rate, rate, rate, rate);
-    let mut joint_of_whole_based = rate;
+    let mut joint_of_self_standing = rate;
     let (mut two_supports, mut two_good_supports) = (rate, rate);
     let (mut times, mut pairs, mut script_pairs) = (Vec::new(), Vec::new(), Vec::new());
     let (mut faults, mut missed, mut forecasts) = (BTreeMap::new(), BTreeMap::new(), Vec::new());
@@ -256,8 +256,8 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         } else {
             none_recall.count(is_none);
         }
-        if record.whole_based {
-            joint_of_whole_based.count(trial.joint());
+        if record.whole_based && record.stands_alone {
+            joint_of_self_standing.count(trial.joint());
         }
         if is_none {
             none_precision.count(!record.answerable());
@@ -284,7 +284,7 @@ fn row(variant: Variant, records: &[&SceneRecord]) -> PlannerRow {
         of_answerable,
         returned,
         joint,
-        joint_of_whole_based,
+        joint_of_self_standing,
         right_when_returned,
         faults,
         success_calibration: Calibration::of(&forecasts, 1),
@@ -358,6 +358,7 @@ mod tests {
             goal,
             true_supports,
             whole_based: true_supports > 1,
+            stands_alone: true,
             true_refusals: vec![Some(Rejection::Unsupported); true_supports],
             script: ScriptTrial { release: None },
             trials,

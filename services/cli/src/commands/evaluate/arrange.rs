@@ -69,7 +69,7 @@ pub fn run(args: &EvaluateArrangeArgs, output: Output) -> CommandResult {
     });
     let scenes = args.common.first("arrange", &made_with)?;
     let settings = ArrangeTableSettings {
-        split: scenes.split,
+        split: scenes.seeds_of,
         first: scenes.first + args.first,
         tasks: args.tasks,
         kinds,

@@ -59,7 +59,7 @@ pub fn run(args: &EvaluateDiscriminatorArgs, output: Output) -> CommandResult {
     let scenes = args.common.first("discriminator", &made_with)?;
     settings.first = scenes.first;
     let progress = Progress::new(args.scenes as u64, "scenes");
-    let table = evaluate_discriminator(scenes.split, args.scenes, &engine, &settings, |scenes| progress.set(scenes as u64))?;
+    let table = evaluate_discriminator(scenes.seeds_of, args.scenes, &engine, &settings, |scenes| progress.set(scenes as u64))?;
     progress.finish();
     let document = document(&table, &scenes.named(&made_with));
     let written = match &args.out {

@@ -91,7 +91,7 @@ pub fn run(args: &EvaluatePlannerArgs, output: Output) -> CommandResult {
     let engine = args.common.engine()?;
     let made_with = made_with(args, &settings, engine.weights_hash());
     let scenes = args.common.first("planner", &made_with)?;
-    settings.first += scenes.first;
+    (settings.split, settings.first) = (scenes.seeds_of, settings.first + scenes.first);
     let named = scenes.named(&made_with);
     let mut records = Records::open(args.out.as_deref(), &named)?;
     let sheets = args.out.as_ref().map(|folder| Sheets::new(folder, args.look_at));

@@ -46,7 +46,7 @@ pub fn run(args: &EvaluateRelationsArgs, output: Output) -> CommandResult {
     let mut table_of = |shown: CloudSource| {
         settings.shown = shown;
         let progress = Progress::new(args.examples as u64, &format!("examples, {shown:?}").to_lowercase());
-        let table = evaluate_relations(scenes.split, args.examples, &engine, &settings, |examples| progress.set(examples as u64));
+        let table = evaluate_relations(scenes.seeds_of, args.examples, &engine, &settings, |examples| progress.set(examples as u64));
         progress.finish();
         table
     };

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use repose_dataset::Split;
-use repose_evaluation::report::final_runs::{claim, ledger};
+use repose_evaluation::report::final_runs::{check_was_run, claim, ledger};
 use repose_evaluation::report::own_commit::own_commit;
 use repose_evaluation::report::written::{FileError, can_write};
 use repose_inference::Engine;
@@ -23,7 +23,8 @@ pub struct TableArgs {
     /// checkout by the program that cargo built of it, and recorded in services/evaluation/record/final.jsonl.
     #[arg(long, default_value = "validation", value_parser = parse_table_split)]
     pub split: Split,
-    /// The block of `final`. Default: the next one, or the one that an interrupted run of the same code and settings had started.
+    /// The block of `final`. Default: the next one, or the one that an interrupted run of the same code and settings had started. With `--split
+    /// validation` a block that was run before, whose scenes are validation scenes since then.
     #[arg(long, value_name = "N")]
     pub block: Option<u64>,
     /// A weights file. Default: the program's own weights.
@@ -38,12 +39,16 @@ impl TableArgs {
     /// The first scene, counted from the split's first seed: the block's, which is written down here when it begins.
     pub fn first(&self, table: &str, made_with: &Value) -> Result<SceneRange, Failure> {
         let commit = own_commit(&ledger());
-        if self.split != Split::Final {
-            let given = self.block.map_or(Ok(()), |_| Err(Failure::bad_input("block", "only `--split final` has blocks")));
-            return given.map(|()| SceneRange { split: self.split, first: 0, block: None, commit });
-        }
-        let block = claim(&ledger(), table, self.block, &commit, made_with).map_err(|e| Failure::bad_input("block", e))?;
-        Ok(SceneRange { split: self.split, first: block * Split::BLOCK, block: Some(block), commit })
+        let refused = |e| Failure::bad_input("block", e);
+        let block = match (self.split, self.block) {
+            (Split::Final, asked) => claim(&ledger(), table, asked, &commit, made_with).map_err(refused)?,
+            (Split::Validation, Some(block)) => check_was_run(&ledger(), table, block).map(|()| block).map_err(refused)?,
+            (_, Some(_)) => {
+                return Err(Failure::bad_input("block", "`test` has no blocks, `final` has, and `validation` those of it that were run"));
+            }
+            (split, None) => return Ok(SceneRange { split, seeds_of: split, first: 0, block: None, commit }),
+        };
+        Ok(SceneRange { split: self.split, seeds_of: Split::Final, first: block * Split::BLOCK, block: Some(block), commit })
     }
 
     /// The networks, one thread a request: the tables spread scenes over the cores.
@@ -60,9 +65,11 @@ impl TableArgs {
 /// The range of scenes that a table is made from.
 #[derive(Debug, Clone)]
 pub struct SceneRange {
-    /// Their split.
+    /// Their split: validation also for those of a block of `final` that was run before.
     pub split: Split,
-    /// The first of them, counted from the split's first seed.
+    /// The split among whose seeds theirs are.
+    pub seeds_of: Split,
+    /// The first of them, counted from that split's first seed.
     pub first: u64,
     /// The block of `final`.
     pub block: Option<u64>,
@@ -126,5 +133,17 @@ mod tests {
             Ok(())
         });
         assert!(is_told && ended.is_err_and(|failed| failed.exit_code() == 1));
+    }
+
+    #[test]
+    fn only_final_and_validation_have_blocks() {
+        let args = |split: Split| TableArgs { split, block: Some(7_000), weights: None, threads: None };
+        // Wherever this runs, that block was not run.
+        for split in [Split::Test, Split::Validation] {
+            let refused = args(split).first("planner", &Value::Null).expect_err("no such block");
+            assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("block")), "{split:?}");
+        }
+        let whole = TableArgs { block: None, ..args(Split::Validation) }.first("planner", &Value::Null).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!((whole.seeds_of, whole.first, whole.block), (Split::Validation, 0, None));
     }
 }
