@@ -13,7 +13,6 @@ pub mod cell;
 pub mod config;
 pub mod endpoints;
 pub mod messages;
-pub mod moves;
 pub mod pace;
 pub mod page;
 pub mod parts;

@@ -5,11 +5,10 @@ use std::time::Duration;
 
 use repose_console::activity::SequenceShown;
 use repose_console::cell::WatchedCell;
-use repose_console::moves::Moves;
 use repose_console::viewers::{Outbox, Outgoing, ViewerMessage};
 use repose_proto::robot::RobotState;
 use repose_proto::{ErrorCode, Payload};
-use repose_runtime::{Session, Traffic};
+use repose_runtime::{Moves, Session, Traffic};
 use serde_json::json;
 
 /// How often two change it at once.
@@ -37,7 +36,7 @@ async fn told(cell: &WatchedCell) -> Arc<str> {
 #[tokio::test(flavor = "multi_thread")]
 async fn of_two_changes_at_once_the_later_one_is_what_viewers_are_left_with() {
     let session = Session::embedded().await.expect("a session");
-    let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::default()).await.expect("a cell");
+    let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::of("the console")).await.expect("a cell");
     let changes: [fn(&mut SequenceShown); 2] = [|s| s.ending = true, |s| s.ended = true];
     let both = Barrier::new(changes.len());
     for _ in 0..TIMES {
@@ -59,7 +58,7 @@ async fn of_two_changes_at_once_the_later_one_is_what_viewers_are_left_with() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_robot_whose_hand_has_failed_is_shown_as_it_stands_and_no_motion_begins_there() {
     let session = Session::embedded().await.expect("a session");
-    let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::default()).await.expect("a cell");
+    let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::of("the console")).await.expect("a cell");
     let outbox = Arc::new(Outbox::default());
     cell.audience().join(1, outbox.clone());
     let still = [0.0; 7];

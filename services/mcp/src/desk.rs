@@ -1,12 +1,11 @@
 //! Where tools are carried out: the cell as an agent's server sees it, the scenes that were shown, the plans that were made.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, ErrorCode, Scene, SceneSummary, Service};
-use repose_runtime::{CallOptions, Caller, STATE_WITHIN, Session, fetch_newest, fetch_scene, robot_state};
+use repose_runtime::{CallOptions, Caller, Moves, STATE_WITHIN, Session, fetch_newest, fetch_scene, robot_state};
 use tokio::time::Instant;
 
 use crate::McpError;
@@ -27,20 +26,11 @@ pub struct Desk {
     pub(crate) session: Session,
     pub(crate) planner: Caller,
     pub(crate) motion: Caller,
+    pub(crate) moves: Moves,
     perception: Caller,
     settings: McpSettings,
     scenes: Mutex<PerSession<ShownScene>>,
     plans: Mutex<Plans>,
-    moving: AtomicBool,
-}
-
-/// While this is held nobody else's plan is carried out.
-pub(crate) struct Moving<'a>(&'a AtomicBool);
-
-impl Drop for Moving<'_> {
-    fn drop(&mut self) {
-        self.0.store(false, Ordering::Release);
-    }
 }
 
 impl Desk {
@@ -53,7 +43,7 @@ impl Desk {
         let (perception, planner, motion) =
             (session.caller(Service::Perception).await?, session.caller(Service::Planner).await?, session.caller(Service::Motion).await?);
         let scenes = Mutex::new(PerSession::<ShownScene>::new(SCENES, |scene| scene));
-        Ok(Self { session, planner, motion, perception, settings, scenes, plans: Mutex::default(), moving: AtomicBool::new(false) })
+        Ok(Self { session, planner, motion, moves: Moves::of("the server"), perception, settings, scenes, plans: Mutex::default() })
     }
 
     /// What it is about.
@@ -71,17 +61,10 @@ impl Desk {
         self.scenes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes the robot for one execution.
-    pub(crate) fn begin_moving(&self) -> Result<Moving<'_>, CallError> {
-        match self.moving.swap(true, Ordering::AcqRel) {
-            true => Err(CallError::precondition("another plan is being carried out; wait for its end, or stop the robot")),
-            false => Ok(Moving(&self.moving)),
-        }
-    }
-
-    /// Whether a plan is being carried out.
-    pub(crate) fn is_moving(&self) -> bool {
-        self.moving.load(Ordering::Acquire)
+    /// Begins no further execution, and waits for the one under way, at most for `drain`; then its arm is brought to rest. All else is done as before:
+    /// whoever looks on may stop the robot.
+    pub async fn end(&self, drain: Duration) {
+        self.moves.ended(drain).await;
     }
 
     /// When what is begun now must have ended.

@@ -1,9 +1,11 @@
 //! `execute`: a plan of this server's, of the same session, on a scene that still looks as it did, carried out once.
 //!
 //! The placement is the one that the agent was shown. The arm's way is planned anew, from where it stands and on a fresh view: the scene may
-//! differ from the plan's by what a camera's noise makes of it ([`crate::McpSettings::still_m`]) and by nothing else.
+//! differ from the plan's by what a camera's noise makes of it ([`crate::McpSettings::still_m`]) and by nothing else. A server that is to end brings
+//! what it has begun to its end ([`Moves`](repose_runtime::Moves)).
 
 use std::collections::BTreeMap;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -65,31 +67,48 @@ impl Desk {
     ///
     /// # Errors
     /// `failed_precondition` when this server may not, another motion is under way, the robot is stopped, the scene has changed or the arm cannot
-    /// serve the place any more; `not_found` on `plan`; `cancelled`; what the cell says.
+    /// serve the place any more; `not_found` on `plan`; `cancelled`; `unavailable` when this server is ending; what the cell says.
     pub async fn execute(&self, asked: &ExecuteArguments, asker: &Asker, cancel: CancellationToken) -> Result<ToolResult, CallError> {
         if !self.settings().allow_execute {
             let message = "this server may not carry plans out: a person starts it with --allow-execute where it may";
             return Err(CallError::precondition(message));
         }
         let plan = self.plans().get(&asked.plan, asker)?;
-        let _alone = self.begin_moving()?;
+        let _under_way = self.moves.begin_alone(format!("plan {} of {}", plan.id, asker.client))?;
         // Whoever gives it up before anything moves wants nothing to move: a call that is sent may begin, even where its cancel follows at once.
         let (followed, motion) = tokio::select! {
             biased;
             () = cancel.cancelled() => return Err(CallError::new(ErrorCode::Cancelled, "given up before anything has moved")),
+            refusal = self.moves.refused() => return Err(refusal),
             prepared = self.prepared(&plan, self.deadline()) => prepared?,
         };
         // From here on it may have moved something, whatever the answer is.
         self.plans().remove(&plan.id);
-        let options = CallOptions { cancel, ..CallOptions::at_most_once(LONGEST) };
-        let reply = call_moving(&self.session, &self.motion, "execute", Payload::json(&motion)?, options).await?;
-        let reply: ExecuteReply = reply.payload.decode_json()?;
+        let reply = self.moved(&motion, &cancel).await?;
         // It has moved: an agent that was told of an error would think that it has not.
-        let seen = self.fresh(&plan.session, self.deadline()).await;
+        let seen = tokio::select! {
+            seen = self.fresh(&plan.session, self.deadline()) => seen,
+            why = self.moves.cut_off() => Err(why),
+        };
         match seen {
             Ok(seen) => computed(move || afterwards(&plan, reply, followed, &seen)).await,
             Err(why) => unseen(&plan, reply, &why),
         }
+    }
+
+    /// Has a motion carried out, until it is given up or this server can wait no longer: then the arm comes to rest.
+    async fn moved(&self, motion: &MotionPlan, cancel: &CancellationToken) -> Result<ExecuteReply, CallError> {
+        let cancel = cancel.child_token();
+        let options = CallOptions { cancel: cancel.clone(), ..CallOptions::at_most_once(LONGEST) };
+        let mut moving = pin!(call_moving(&self.session, &self.motion, "execute", Payload::json(motion)?, options));
+        let reply = tokio::select! {
+            reply = &mut moving => reply,
+            why = self.moves.cut_off() => {
+                cancel.cancel();
+                moving.await.map_err(|_| why)
+            }
+        };
+        reply?.payload.decode_json()
     }
 
     /// A motion that carries a plan out, from where the arm stands and on a fresh view, and which object is which in that view.

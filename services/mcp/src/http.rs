@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::Router;
 use axum::extract::{Request, State};
@@ -64,12 +65,19 @@ impl BoundServer {
         format!("http://{}/mcp", self.address)
     }
 
-    /// Serves until `shutdown`.
-    pub async fn serve(self, desk: Arc<Desk>, shutdown: Shutdown) {
-        let agents = protocol::http(desk, shutdown.token());
+    /// Serves until `shutdown`, and then until the execution under way is over and its answer read, at most for `drain`: until then agents are told of it,
+    /// and may stop the robot.
+    pub async fn serve(self, desk: Arc<Desk>, drain: Duration, shutdown: Shutdown) {
+        let agents_end = Shutdown::new();
+        let agents = protocol::http(desk.clone(), agents_end.token());
         let door = Arc::new(Door { token: self.token, hosts: self.hosts });
         let routes = Router::new().merge(agents).layer(from_fn(watched)).layer(from_fn_with_state(door, guarded));
-        serve_http(self.listener, routes, &shutdown).await;
+        let ending = async {
+            shutdown.requested().await;
+            desk.end(drain).await;
+            agents_end.trigger();
+        };
+        tokio::join!(ending, serve_http(self.listener, routes, &agents_end));
     }
 }
 

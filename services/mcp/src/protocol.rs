@@ -14,10 +14,10 @@ use rmcp::model::{
     CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, Implementation, ListToolsResult, PaginatedRequestParams,
     ServerCapabilities, ServerConfig, ToolAnnotations,
 };
-use rmcp::service::RequestContext;
+use rmcp::service::{RequestContext, serve_server_with_ct};
 use rmcp::transport::streamable_http_server::session::local::LocalSessionManager;
 use rmcp::transport::streamable_http_server::{StreamableHttpServerConfig, StreamableHttpService};
-use rmcp::{ErrorData, RoleServer, ServerHandler, serve_server};
+use rmcp::{ErrorData, RoleServer, ServerHandler};
 use serde_json::{Value, json};
 use tokio::io::{AsyncRead, AsyncWrite};
 
@@ -37,28 +37,41 @@ const STDIO: &str = "stdio";
 const IDLE: Duration = Duration::from_secs(3600);
 /// Longest name that is taken of a client, characters.
 const NAME: usize = 100;
+/// How long an agent on standard input and output may take to read its last answers. The kit itself writes them for two seconds.
+const LAST_ANSWERS: Duration = Duration::from_secs(3);
 
 /// Serves one agent on standard input and output.
-pub async fn serve_stdio(desk: Arc<Desk>, shutdown: Shutdown) -> Result<(), McpError> {
+pub async fn serve_stdio(desk: Arc<Desk>, drain: Duration, shutdown: Shutdown) -> Result<(), McpError> {
     let (input, output) = rmcp::transport::stdio();
-    serve_streams(desk, input, output, shutdown).await
+    serve_streams(desk, input, output, drain, shutdown).await
 }
 
-/// Serves one agent whose messages come by `input`, and who reads what is written to `output`.
-pub async fn serve_streams<R, W>(desk: Arc<Desk>, input: R, output: W, shutdown: Shutdown) -> Result<(), McpError>
+/// Serves one agent whose messages come by `input`, and who reads what is written to `output`: until it leaves, or until `shutdown` and then until the
+/// execution under way is over, at most for `drain`.
+pub async fn serve_streams<R, W>(desk: Arc<Desk>, input: R, output: W, drain: Duration, shutdown: Shutdown) -> Result<(), McpError>
 where
     R: AsyncRead + Send + Unpin + 'static,
     W: AsyncWrite + Send + Unpin + 'static,
 {
-    let agent = async {
+    let agent_ends = CancellationToken::new();
+    let mut agent = pin!(async {
         let input = AgentInput::new(input);
-        let server = Server { desk, input_ended: Some(input.ended()) };
-        let running = serve_server(server, (input, output)).await.map_err(|e| McpError::Serve(e.to_string()))?;
-        running.waiting().await.map(drop).map_err(|e| McpError::Serve(e.to_string()))
+        let server = Server { desk: desk.clone(), input_ended: Some(input.ended()) };
+        let running = serve_server_with_ct(server, (input, output), agent_ends.clone()).await;
+        running.map_err(|e| McpError::Serve(e.to_string()))?.waiting().await.map(drop).map_err(|e| McpError::Serve(e.to_string()))
+    });
+    let ending = async {
+        shutdown.requested().await;
+        desk.end(drain).await;
     };
     tokio::select! {
-        ended = agent => ended,
-        () = shutdown.requested() => Ok(()),
+        ended = &mut agent => ended,
+        () = ending => {
+            // What is answered by then is still written; an agent that does not read it is left.
+            agent_ends.cancel();
+            drop(tokio::time::timeout(LAST_ANSWERS, agent).await);
+            Ok(())
+        }
     }
 }
 
@@ -99,9 +112,8 @@ impl Server {
     /// Waits until a call is not to go on for who asked. Over HTTP that is when nobody reads the answer any more. On standard input and output an agent
     /// may close its input and read on, as a script does: the kit ends what is open only seconds after that, and an arm is to come to rest at once.
     async fn deserted(&self, tool: &str, context: &RequestContext<RoleServer>) {
-        let unread = context.extensions.get::<Parts>().and_then(|parts| parts.extensions.get::<Unread>());
         let only_reads = Tool::parse(tool).is_some_and(Tool::only_reads);
-        match (unread, &self.input_ended) {
+        match (unread(context), &self.input_ended) {
             (Some(Unread(unread)), _) => unread.cancelled().await,
             (None, Some(ended)) if !only_reads => ended.cancelled().await,
             (None, _) => std::future::pending().await,
@@ -124,6 +136,7 @@ impl ServerHandler for Server {
 
     async fn call_tool(&self, request: CallToolRequestParams, context: RequestContext<RoleServer>) -> Result<CallToolResponse, ErrorData> {
         let asker = self.asker(&context);
+        let owed = (Tool::parse(&request.name) == Some(Tool::Execute)).then(|| self.desk.moves.owe());
         let arguments = request.arguments.map_or(Value::Null, Value::Object);
         let cancel = context.ct.child_token();
         let mut answered = pin!(call(&self.desk, &request.name, arguments, &asker, cancel.clone()));
@@ -134,12 +147,24 @@ impl ServerHandler for Server {
                 answered.await
             }
         };
+        // The end of the kit's sessions cuts off what is read over HTTP.
+        if let (Some(owed), Some(Unread(unread))) = (owed, unread(&context).cloned()) {
+            tokio::spawn(async move {
+                unread.cancelled().await;
+                drop(owed);
+            });
+        }
         Ok(match answered {
             Ok(answer) => result(answer),
             Err(error) => refusal(&error),
         }
         .into())
     }
+}
+
+/// What says that nobody reads the response any more, over HTTP.
+fn unread(context: &RequestContext<RoleServer>) -> Option<&Unread> {
+    context.extensions.get::<Parts>().and_then(|parts| parts.extensions.get::<Unread>())
 }
 
 fn described(tool: Tool) -> rmcp::model::Tool {

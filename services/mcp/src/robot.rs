@@ -65,7 +65,7 @@ impl Desk {
             mode: state.mode,
             stopped_because: state.stop.as_ref().map(|stop| stop.reason.clone()),
             holds_something: state.gripper_holding,
-            carrying_out: self.is_moving(),
+            carrying_out: !self.moves.under_way().is_empty(),
             may_execute: self.settings().allow_execute,
         };
         ToolResult::new(describe(robot, state), &told, None)

@@ -2,21 +2,21 @@
 
 mod cell;
 
-use std::net::SocketAddr;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use cell::agent::{Agent, error_of};
-use cell::{Cell, asker, start, start_with};
+use cell::http::{HttpAgent, answered};
+use cell::{Cell, WITHIN, asker, start, start_with};
+use repose_mcp::McpSettings;
 use repose_mcp::answer::ToolResult;
-use repose_mcp::http::BoundServer;
 use repose_mcp::tools::{Tool, call};
-use repose_mcp::{HttpSettings, McpSettings};
 use repose_proto::{CallError, ErrorCode};
-use repose_runtime::{CancellationToken, Shutdown};
+use repose_runtime::CancellationToken;
 use serde_json::{Value, json};
-use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
-use tokio::net::TcpStream;
+
+/// How long an execution may take to begin, and to be given up.
+const SOON: Duration = Duration::from_secs(10);
 
 async fn ask(cell: &Cell, tool: &str, arguments: Value) -> Result<ToolResult, CallError> {
     ask_as(cell, tool, arguments, "one").await
@@ -314,66 +314,61 @@ async fn all_that_prepares_an_execution_is_within_one_deadline() {
     assert_eq!((code, cell.world.executions()), (ErrorCode::DeadlineExceeded, 0));
 }
 
-/// Posts a message as an agent does over HTTP; the answer is read from what comes back.
-async fn posted(address: SocketAddr, session: Option<&str>, message: Value) -> BufReader<TcpStream> {
-    let (body, session) = (message.to_string(), session.map_or_else(String::new, |session| format!("Mcp-Session-Id: {session}\r\n")));
-    let head = format!(
-        "POST /mcp HTTP/1.1\r\nHost: {address}\r\nContent-Type: application/json\r\nAccept: application/json, text/event-stream\r\n\
-         MCP-Protocol-Version: 2025-06-18\r\n{session}Content-Length: {}\r\n\r\n",
-        body.len()
-    );
-    let mut stream = TcpStream::connect(address).await.expect("a connection");
-    stream.write_all(format!("{head}{body}").as_bytes()).await.expect("sent");
-    BufReader::new(stream)
+/// An agent over HTTP, and what it calls a plan.
+async fn http_agent_with_a_plan(cell: &Cell) -> (HttpAgent, Value) {
+    let mut agent = HttpAgent::connect(cell.desk.clone(), WITHIN).await;
+    let planned = agent.answer("plan", json!({"say": "put the red box left of the blue box"})).await;
+    let plan = &planned["structuredContent"]["plan"];
+    assert!(plan.is_string(), "there is a plan: {planned}");
+    (agent, json!({"plan": plan}))
 }
 
-/// The session that the answer's head names, and the answer.
-async fn answered(mut stream: BufReader<TcpStream>) -> (String, Value) {
-    let reading = async {
-        let mut session = String::new();
-        loop {
-            let mut line = String::new();
-            assert!(stream.read_line(&mut line).await.expect("read") > 0, "no answer has come");
-            if let Some(named) = line.to_ascii_lowercase().strip_prefix("mcp-session-id:") {
-                session = named.trim().to_owned();
-            }
-            let Some(Ok(message)) = line.strip_prefix("data:").map(|data| serde_json::from_str::<Value>(data.trim())) else { continue };
-            if message.get("result").is_some() {
-                return (session, message["result"].clone());
-            }
-        }
-    };
-    tokio::time::timeout(Duration::from_secs(20), reading).await.expect("answered in time")
+/// Waits until an execution has begun.
+async fn begun(cell: &Cell) {
+    tokio::time::timeout(SOON, cell.world.has_begun.notified()).await.expect("it has begun");
+}
+
+/// Waits until an execution was given up.
+async fn came_to_rest(cell: &Cell) {
+    tokio::time::timeout(SOON, cell.world.was_cancelled.notified()).await.expect("it goes on for nobody");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_arm_comes_to_rest_when_the_connection_of_the_agent_that_moves_it_is_lost() {
     let cell = start(true).await;
-    let settings = HttpSettings { listen: "127.0.0.1:0".parse().expect("an address"), token: None, hosts: Vec::new() };
-    let (server, shutdown) = (BoundServer::open(settings).await.expect("it listens"), Shutdown::new());
-    let address = server.address();
-    let serving = tokio::spawn(server.serve(cell.desk.clone(), shutdown.clone()));
-    let request = |id: u64, method: &str, params: Value| json!({"jsonrpc": "2.0", "id": id, "method": method, "params": params});
-    let hello = json!({"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "tests", "version": "1"}});
-    let (session, _) = answered(posted(address, None, request(1, "initialize", hello)).await).await;
-    assert!(!session.is_empty(), "it is a session");
-    let mut told = posted(address, Some(&session), json!({"jsonrpc": "2.0", "method": "notifications/initialized"})).await;
-    told.read_line(&mut String::new()).await.expect("a status");
-    let say = json!({"name": "plan", "arguments": {"say": "put the red box left of the blue box"}});
-    let (_, planned) = answered(posted(address, Some(&session), request(2, "tools/call", say)).await).await;
-    let execute = json!({"name": "execute", "arguments": {"plan": planned["structuredContent"]["plan"]}});
-    let waiting = posted(address, Some(&session), request(3, "tools/call", execute)).await;
-    let within = Duration::from_secs(10);
-    tokio::time::timeout(within, cell.world.has_begun.notified()).await.expect("it has begun");
+    let (mut agent, plan) = http_agent_with_a_plan(&cell).await;
+    let waiting = agent.ask("execute", plan).await;
+    begun(&cell).await;
     drop(waiting);
-    tokio::time::timeout(within, cell.world.was_cancelled.notified()).await.expect("it goes on for nobody");
-    shutdown.trigger();
-    serving.await.expect("joined");
+    came_to_rest(&cell).await;
+    agent.shutdown.trigger();
+    agent.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_has_a_plan_carried_out_over_http_reads_how_it_ended_before_the_server_ends() {
+    let cell = start(true).await;
+    let (mut agent, plan) = http_agent_with_a_plan(&cell).await;
+    let waiting = agent.ask("execute", plan).await;
+    begun(&cell).await;
+    agent.shutdown.trigger();
+    let state = agent.answer("state", json!({})).await;
+    assert_eq!(state["structuredContent"]["carrying_out"], true, "whoever looks on is told so: {state}");
+    cell.world.may_move.notify_one();
+    let (_, ended) = answered(waiting).await;
+    assert_eq!(ended["structuredContent"]["outcome"], "done", "{ended}");
+    agent.end().await;
+    assert_eq!(cell.world.executions(), 1);
 }
 
 /// An agent on standard input and output, and what it calls a plan.
 async fn agent_with_a_plan(cell: &Cell) -> (Agent, Value) {
-    let mut agent = Agent::connect(cell.desk.clone()).await;
+    agent_of_a_draining_server(cell, WITHIN).await
+}
+
+/// The same of a server that waits so long for what it has begun, when it is to end.
+async fn agent_of_a_draining_server(cell: &Cell, drain: Duration) -> (Agent, Value) {
+    let mut agent = Agent::connect(cell.desk.clone(), drain).await;
     agent.ask("plan", json!({"say": "put the red box left of the blue box"})).await;
     let plan = agent.answer().await["structuredContent"]["plan"].take();
     assert!(plan.is_string(), "there is a plan");
@@ -385,13 +380,54 @@ async fn an_arm_comes_to_rest_when_the_input_of_the_agent_that_moves_it_ends() {
     let cell = start(true).await;
     let (mut agent, plan) = agent_with_a_plan(&cell).await;
     agent.ask("execute", plan).await;
-    let within = Duration::from_secs(10);
-    tokio::time::timeout(within, cell.world.has_begun.notified()).await.expect("it has begun");
+    begun(&cell).await;
     agent.close_input().await;
     // It reads on: of what the kit cuts off by itself, seconds later, there is no answer.
     assert_eq!(error_of(&agent.answer().await).code, ErrorCode::Cancelled);
-    tokio::time::timeout(within, cell.world.was_cancelled.notified()).await.expect("it goes on for nobody");
+    came_to_rest(&cell).await;
     agent.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_that_is_to_end_brings_the_plan_under_way_to_its_end_and_tells_the_agent_how_it_ended() {
+    let cell = start(true).await;
+    let (mut agent, plan) = agent_with_a_plan(&cell).await;
+    agent.ask("execute", plan).await;
+    begun(&cell).await;
+    agent.shutdown.trigger();
+    agent.ask("state", json!({})).await;
+    let state = agent.answer().await;
+    assert_eq!(state["structuredContent"]["carrying_out"], true, "it is still served: {state}");
+    cell.world.may_move.notify_one();
+    let ended = agent.answer().await;
+    assert_eq!(ended["structuredContent"]["outcome"], "done", "{ended}");
+    agent.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_that_may_not_wait_has_the_arm_come_to_rest_and_says_that_it_has_ended() {
+    let cell = start(true).await;
+    let (mut agent, plan) = agent_of_a_draining_server(&cell, Duration::ZERO).await;
+    agent.ask("execute", plan).await;
+    begun(&cell).await;
+    agent.shutdown.trigger();
+    let error = error_of(&agent.answer().await);
+    assert!(error.code == ErrorCode::Unavailable && error.message.contains("look at the robot"), "{error}");
+    came_to_rest(&cell).await;
+    agent.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_begins_to_move_for_a_server_that_is_ending() {
+    let cell = start(true).await;
+    let plan = json!({"plan": planned(&cell).await});
+    // The next view is a minute away: the first is given up while it is prepared.
+    cell.world.takes_ms.store(60_000, Ordering::SeqCst);
+    let (prepared, ()) = tokio::join!(ask(&cell, "execute", plan.clone()), cell.desk.end(WITHIN));
+    for refusal in [prepared, ask(&cell, "execute", plan).await] {
+        assert_eq!(refused(refusal).0, ErrorCode::Unavailable);
+    }
+    assert_eq!(cell.world.executions(), 0);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -410,7 +446,7 @@ async fn nothing_moves_when_the_input_of_an_agent_ends_while_that_is_prepared() 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_agent_whose_input_has_ended_is_still_told_what_there_is() {
     let cell = start(false).await;
-    let mut agent = Agent::connect(cell.desk.clone()).await;
+    let mut agent = Agent::connect(cell.desk.clone(), WITHIN).await;
     agent.ask("look", json!({})).await;
     agent.close_input().await;
     assert_eq!(agent.answer().await["structuredContent"]["objects"].as_array().map(Vec::len), Some(3));
@@ -420,7 +456,7 @@ async fn an_agent_whose_input_has_ended_is_still_told_what_there_is() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_refusal_of_any_tool_says_its_code_and_field_in_a_text_and_has_no_structured_content() {
     let cell = start(true).await;
-    let mut agent = Agent::connect(cell.desk.clone()).await;
+    let mut agent = Agent::connect(cell.desk.clone(), WITHIN).await;
     for tool in Tool::ALL {
         agent.ask(tool.name(), json!({"joints": [0.0]})).await;
         let refusal = agent.answer().await;

@@ -2,7 +2,8 @@
 //!
 //! [`wire`] is that system's wire form: types and their hashes, keys, tokens, attachments. [`node`] is a node of it. [`camera`] makes frames of
 //! a camera's topics, [`robot`] is the robot's side of the cell's keys for controllers of ROS, [`show`] publishes what the cell sees,
-//! `services` is what ROS clients may ask for. Two sessions: the cell's, and one on the ROS system's router.
+//! `services` is what ROS clients may ask for; a bridge that is to end waits for the `moves` that it has begun for them. Two sessions: the cell's, and
+//! one on the ROS system's router.
 
 pub mod camera;
 mod config;
@@ -20,7 +21,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use repose_ros_messages::DiagnosticArray;
-use repose_runtime::{RuntimeError, Session, Shutdown, now_ns};
+use repose_runtime::{Moves, RuntimeError, Session, Shutdown, now_ns};
 use tokio::sync::watch;
 use tokio::task::{JoinError, JoinSet};
 
@@ -42,11 +43,12 @@ const REST: Duration = Duration::from_secs(3);
 /// How long closing may take.
 const CLOSE: Duration = Duration::from_secs(2);
 
-/// Runs the bridge until `shutdown`.
+/// Runs the bridge until `shutdown`, and then until what it has robots do for clients of ROS is over, at most for `drain`. What others have an arm do
+/// is canceled after that: nobody would be left to stop it.
 ///
 /// # Errors
 /// When the configuration is unusable, the ROS system's router cannot be reached, or a part of the bridge cannot go on.
-pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Result<(), BridgeError> {
+pub async fn run(session: Session, config: Ros2Config, drain: Duration, shutdown: Shutdown) -> Result<(), BridgeError> {
     config.validate()?;
     let joined = Node::join(&config.session, config.domain, &config.namespace, &config.node).await;
     let node = joined.map_err(|error| match error {
@@ -58,6 +60,7 @@ pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Re
     let (reports, tree) = (Reports::default(), Tree::default());
     let (come, publishers) = watch::channel(0);
     let (mut parts, mut robots, ending) = (JoinSet::new(), JoinSet::new(), Shutdown::new());
+    let moves = Moves::of("the bridge");
     parts.spawn(TreeSource::of(&node).await?.run(tree.clone(), publishers, reports.clone()));
     parts.spawn(follow_graph(node.clone(), config.clone(), come, reports.clone()));
     parts.spawn(tell(node.clone(), reports.clone()));
@@ -72,10 +75,10 @@ pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Re
         robots.spawn(robot::link::run(session.clone(), node.clone(), config.clone(), robot.clone(), tree, reports, ending));
     }
     if config.offer_services {
-        parts.spawn(services::run(session.clone(), node.clone(), config.clone()));
+        parts.spawn(services::run(session.clone(), node.clone(), config.clone(), moves.clone()));
     }
     let ended = tokio::select! {
-        () = shutdown.requested() => Ok(()),
+        () = end(&moves, drain, &shutdown) => Ok(()),
         // A part ends by itself only when it cannot go on, and half a bridge is none.
         Some(ended) = parts.join_next() => outcome(ended),
         Some(ended) = robots.join_next() => outcome(ended),
@@ -87,6 +90,12 @@ pub async fn run(session: Session, config: Ros2Config, shutdown: Shutdown) -> Re
         tracing::warn!(%error, "the ROS session did not close");
     }
     ended
+}
+
+/// Waits for the shutdown, and then for what was begun for clients of ROS.
+async fn end(moves: &Moves, drain: Duration, shutdown: &Shutdown) {
+    shutdown.requested().await;
+    moves.ended(drain).await;
 }
 
 fn outcome(ended: Result<Result<(), BridgeError>, JoinError>) -> Result<(), BridgeError> {

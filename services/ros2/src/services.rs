@@ -1,5 +1,6 @@
 //! What clients of ROS may ask for: a stop, a placement, a plan and, where the configuration allows it, its execution.
 
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -7,7 +8,10 @@ use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPla
 use repose_proto::robot::RobotState;
 use repose_proto::{CallError, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_ros_messages as ros;
-use repose_runtime::{CallOptions, Caller, STATE_WITHIN, Session, call_moving, emergency_stop, fetch_newest, reaching_robot, robot_state};
+use repose_runtime::{
+    CallOptions, Caller, CancellationToken, Moves, STATE_WITHIN, Session, UnderWay, call_moving, emergency_stop, fetch_newest,
+    reaching_robot, robot_state,
+};
 
 use crate::config::{RobotConfig, Ros2Config};
 use crate::error::BridgeError;
@@ -28,6 +32,7 @@ const EXECUTION: Duration = Duration::from_secs(300);
 struct Desk {
     session: Session,
     config: Arc<Ros2Config>,
+    moves: Moves,
     perception: Caller,
     planner: Caller,
     motion: Caller,
@@ -38,13 +43,14 @@ struct Desk {
 ///
 /// # Errors
 /// When a network refuses.
-pub async fn run(session: Session, node: Node, config: Arc<Ros2Config>) -> Result<(), BridgeError> {
+pub async fn run(session: Session, node: Node, config: Arc<Ros2Config>, moves: Moves) -> Result<(), BridgeError> {
     let desk = Arc::new(Desk {
         perception: session.caller(Service::Perception).await?,
         planner: session.caller(Service::Planner).await?,
         motion: session.caller(Service::Motion).await?,
         placements: node.publisher(&node.own("placements"), "geometry_msgs/msg/PoseArray", Qos::DEFAULT).await?,
         config,
+        moves,
         session,
     });
     let mut stops = node.serve::<ros::TriggerRequest, ros::TriggerResponse>(&node.own("stop"), "std_srvs/srv/Trigger").await?;
@@ -69,8 +75,10 @@ pub async fn run(session: Session, node: Node, config: Arc<Ros2Config>) -> Resul
             asked = plans.next() => {
                 let Some(asked) = asked else { return Ok(()) };
                 tokio::spawn(async move {
-                    let response = desk.plan(&asked.request).await;
+                    let (response, under_way) = desk.plan(&asked.request).await;
                     told(asked.answer(&response).await);
+                    // Whoever asked has heard how it ended.
+                    drop(under_way);
                 });
             }
         }
@@ -144,29 +152,43 @@ impl Desk {
         response
     }
 
-    async fn plan(&self, asked: &ros::PlanRequest) -> ros::PlanResponse {
+    /// A plan, and its execution where that is asked for, which is under way until it is answered.
+    async fn plan(&self, asked: &ros::PlanRequest) -> (ros::PlanResponse, Option<UnderWay>) {
         let failed = |error: BridgeError| ros::PlanResponse { code: code_of(&error), message: error.to_string(), ..Default::default() };
-        if asked.execute && !self.config.allow_execute {
-            let refusal = CallError::precondition("this bridge's configuration does not allow it: [ros2] allow_execute").at("execute");
-            return failed(refusal.into());
+        if !asked.execute {
+            let planned = self.planned(asked).await;
+            return (planned.map_or_else(failed, |(plan, robot)| described(&plan, &robot)), None);
         }
-        let (plan, robot) = match self.planned(asked).await {
-            Ok(planned) => planned,
-            Err(error) => return failed(error),
+        match self.begin(asked) {
+            Ok(under_way) => (self.executed(asked).await.unwrap_or_else(failed), Some(under_way)),
+            Err(refusal) => (failed(refusal.into()), None),
+        }
+    }
+
+    /// Begins an execution.
+    fn begin(&self, asked: &ros::PlanRequest) -> Result<UnderWay, CallError> {
+        if !self.config.allow_execute {
+            return Err(CallError::precondition("this bridge's configuration does not allow it: [ros2] allow_execute").at("execute"));
+        }
+        self.moves.begin(format!("object {} to {}, for a client of ROS", asked.object, asked.goal.join(" and ")))
+    }
+
+    /// A plan that is carried out; an error where nothing has moved.
+    async fn executed(&self, asked: &ros::PlanRequest) -> Result<ros::PlanResponse, BridgeError> {
+        let (plan, robot) = tokio::select! {
+            biased;
+            refusal = self.moves.refused() => return Err(refusal.into()),
+            planned = self.planned(asked) => planned?,
         };
-        let mut response = described(&plan, &robot);
-        if asked.execute {
-            let (success, code, message) = match self.execute(&plan).await {
-                Ok(ExecuteReply { outcome: ExecutionOutcome::Done, .. }) => (true, String::new(), String::new()),
-                Ok(reply) => {
-                    let outcome = serde_json::to_value(reply.outcome).ok().and_then(|v| v.as_str().map(str::to_owned));
-                    (false, outcome.unwrap_or_default(), format!("{}: {}", reply.phase, reply.reason.unwrap_or_default()))
-                }
-                Err(error) => (false, code_of(&error), error.to_string()),
-            };
-            (response.success, response.executed, response.code, response.message) = (success, success, code, message);
-        }
-        response
+        let (success, code, message) = match self.execute(&plan).await {
+            Ok(ExecuteReply { outcome: ExecutionOutcome::Done, .. }) => (true, String::new(), String::new()),
+            Ok(reply) => {
+                let outcome = serde_json::to_value(reply.outcome).ok().and_then(|v| v.as_str().map(str::to_owned));
+                (false, outcome.unwrap_or_default(), format!("{}: {}", reply.phase, reply.reason.unwrap_or_default()))
+            }
+            Err(error) => (false, code_of(&error), error.to_string()),
+        };
+        Ok(ros::PlanResponse { success, executed: success, code, message, ..described(&plan, &robot) })
     }
 
     async fn planned(&self, asked: &ros::PlanRequest) -> Result<(MotionPlan, RobotConfig), BridgeError> {
@@ -184,10 +206,19 @@ impl Desk {
         Ok((answer.payload.decode_json()?, robot))
     }
 
+    /// Has a plan carried out, until this bridge can wait no longer: then the arm comes to rest.
     async fn execute(&self, plan: &MotionPlan) -> Result<ExecuteReply, BridgeError> {
-        let options = CallOptions::at_most_once(EXECUTION);
-        let answer = call_moving(&self.session, &self.motion, "execute", Payload::json(plan)?, options).await?;
-        Ok(answer.payload.decode_json()?)
+        let cancel = CancellationToken::new();
+        let options = CallOptions { cancel: cancel.clone(), ..CallOptions::at_most_once(EXECUTION) };
+        let mut moving = pin!(call_moving(&self.session, &self.motion, "execute", Payload::json(plan)?, options));
+        let answer = tokio::select! {
+            answer = &mut moving => answer,
+            why = self.moves.cut_off() => {
+                cancel.cancel();
+                moving.await.map_err(|_| why)
+            }
+        };
+        Ok(answer?.payload.decode_json()?)
     }
 
     /// A placement on the newest scene of a camera.

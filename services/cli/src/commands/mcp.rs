@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use clap::Args;
 use repose_mcp::{HttpSettings, McpError, McpSettings, serve_http, serve_stdio};
-use repose_runtime::Shutdown;
+use repose_runtime::{Session, Shutdown};
 
-use crate::client::{self, ConnectArgs};
+use crate::client::{self, ConnectArgs, client_config};
 use crate::failure::{CommandResult, Failure};
 
 /// Arguments of `mcp`.
@@ -45,7 +45,7 @@ impl From<McpError> for Failure {
     }
 }
 
-/// Runs until the agent leaves (standard input) or the command is interrupted.
+/// Runs until the agent leaves (standard input) or the command is interrupted, and then until the execution under way is over.
 pub async fn run(args: &McpArgs) -> CommandResult {
     let shutdown = Shutdown::on_signals()?;
     let settings = McpSettings {
@@ -56,12 +56,14 @@ pub async fn run(args: &McpArgs) -> CommandResult {
         ..McpSettings::default()
     };
     settings.validate()?;
-    let session = client::connect(&args.connect.system).await?;
+    let config = client_config(&args.connect.system)?;
+    let drain = Duration::from_millis(config.worker.drain_ms);
+    let session = Session::open(config).await?;
     let served = match args.http {
-        None => serve_stdio(session.clone(), settings, shutdown).await,
+        None => serve_stdio(session.clone(), settings, drain, shutdown).await,
         Some(listen) => {
             let http = HttpSettings { listen, token: args.token.clone(), hosts: args.host.clone() };
-            serve_http(session.clone(), settings, http, shutdown).await
+            serve_http(session.clone(), settings, http, drain, shutdown).await
         }
     };
     client::close(session).await;

@@ -86,11 +86,13 @@ pub async fn run(args: &ServeArgs) -> CommandResult {
             })
         }
         Served::Ros2 => {
-            let config: Ros2Config = load_config("ros2", args.system.config.as_deref())?;
-            config.validate().map_err(of_bridge)?;
-            let session = Session::open(client_config(&args.system)?).await?;
+            let bridge: Ros2Config = load_config("ros2", args.system.config.as_deref())?;
+            bridge.validate().map_err(of_bridge)?;
+            let config = client_config(&args.system)?;
+            let drain = Duration::from_millis(config.worker.drain_ms);
+            let session = Session::open(config).await?;
             let _health = HealthServer::of(&session, false).await?;
-            let served = repose_ros2::run(session.clone(), config, shutdown).await;
+            let served = repose_ros2::run(session.clone(), bridge, drain, shutdown).await;
             client::close(session).await;
             served.map_err(of_bridge)
         }

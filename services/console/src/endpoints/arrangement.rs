@@ -52,7 +52,7 @@ pub fn begin(
     for (i, goal) in request.goals.iter().enumerate() {
         known.translated(&format!("goals[{i}]"), goal.object, &goal.terms)?;
     }
-    let under_way = cell.moves().begin()?;
+    let under_way = cell.moves().begin(format!("an arrangement in {}", cell.name()))?;
     let shown = ArrangementShown::of(&request.goals);
     cell.begin(|activity| activity.arrangement = Some(shown))?;
     let (deadline, attempts) = (Duration::from_millis(config.request_deadline_ms), config.attempts);
@@ -101,10 +101,9 @@ pub fn end(cell: &WatchedCell) {
 #[cfg(test)]
 mod tests {
     use repose_proto::ErrorCode;
-    use repose_runtime::Session;
+    use repose_runtime::{Moves, Session};
 
     use super::*;
-    use crate::moves::Moves;
 
     async fn faulty() -> Result<ArrangementReport, CallError> {
         panic!("a fault in what brings it about")
@@ -113,7 +112,7 @@ mod tests {
     #[tokio::test(flavor = "multi_thread")]
     async fn an_arrangement_that_is_lost_has_ended_and_leaves_its_cell_to_the_next() {
         let session = Session::embedded().await.expect("a session");
-        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::default()).await.expect("a cell");
+        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::of("the console")).await.expect("a cell");
         let begin = || cell.begin(|activity| activity.arrangement = Some(ArrangementShown::of(&[])));
         begin().expect("nothing is under way");
         assert!(begin().is_err(), "one at a time");

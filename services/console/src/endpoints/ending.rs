@@ -22,8 +22,9 @@ pub async fn end(state: &AppState, drain: Duration, pages_end: &Shutdown) {
 async fn end_moves(state: &AppState, drain: Duration) {
     let moves = &state.moves;
     moves.end();
-    if moves.under_way() > 0 {
-        tracing::info!(moves = moves.under_way(), "moves are under way: the console ends after them, or in {:.1} s", drain.as_secs_f64());
+    let under_way = moves.under_way().len();
+    if under_way > 0 {
+        tracing::info!(moves = under_way, "moves are under way: the console ends after them, or in {:.1} s", drain.as_secs_f64());
     }
     let mut cells = Vec::new();
     let ending = async {
@@ -37,7 +38,7 @@ async fn end_moves(state: &AppState, drain: Duration) {
     if tokio::time::timeout(drain, ending).await.is_ok() {
         return;
     }
-    tracing::warn!(moves = moves.under_way(), "moves are cut off by the end of the drain");
+    tracing::warn!(moves = moves.under_way().len(), "moves are cut off by the end of the drain");
     let why = CallError::new(ErrorCode::Unavailable, "the console has ended before this was over: look at the robot");
     for cell in cells {
         let mut undone = Vec::new();

@@ -8,7 +8,7 @@ use repose_geometry::transform::from_row_major;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlanRequest, RecoverReply, RobotResetReply, RobotResetRequest};
 use repose_proto::simulator::WorldResetRequest;
 use repose_proto::{CallError, ErrorCode, Message as _, Payload, PlaceRequest, Scene, SceneRef, Service};
-use repose_runtime::{CallOptions, CancellationToken};
+use repose_runtime::{CallOptions, CancellationToken, UnderWay};
 use tokio::sync::mpsc;
 
 use super::calls::{execute, plan, recover};
@@ -18,7 +18,6 @@ use super::state::AppState;
 use crate::access::Role;
 use crate::cell::{Camera, WatchedCell};
 use crate::messages::{Answered, Ask, DrawnMessage, Request, ServerMessage};
-use crate::moves::UnderWay;
 use crate::view::SceneView;
 use crate::viewers::{Outbox, Topic, ViewerMessage};
 
@@ -137,7 +136,7 @@ impl Viewer {
         if eyes.open.contains_key(&id) {
             return Err(CallError::invalid("id", format!("request {id} is open already")));
         }
-        let under_way = ask.moves_until_answered().then(|| self.state.moves.begin()).transpose()?;
+        let under_way = ask.moves_until_answered().then(|| self.state.moves.begin("a request of a page")).transpose()?;
         eyes.open.insert(id, cancel);
         // Noted here, in the order in which they come: their tasks run in any.
         if matches!(ask, Ask::Watch { .. }) {

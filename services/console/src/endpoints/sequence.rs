@@ -55,7 +55,7 @@ pub fn begin(
         said: Vec::new(),
         error: None,
     };
-    let (under_way, wanted) = (cell.moves().begin()?, goals.len());
+    let (under_way, wanted) = (cell.moves().begin(format!("a sequence in {}", cell.name()))?, goals.len());
     let shown = SequenceShown { steps: goals.iter().map(step).collect(), ending: false, ended: false };
     cell.begin(|activity| activity.sequence = Some(shown))?;
     let (deadline, attempts) = (Duration::from_millis(config.request_deadline_ms), config.attempts);

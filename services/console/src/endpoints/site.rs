@@ -158,10 +158,9 @@ impl Site for PageSite {
 #[cfg(test)]
 mod tests {
     use nalgebra::Isometry3;
-    use repose_runtime::{Call, Handler, Session};
+    use repose_runtime::{Call, Handler, Moves, Session};
 
     use super::*;
-    use crate::moves::Moves;
     use crate::viewers::{Outbox, Outgoing, ViewerMessage};
 
     const PLAN: &str = include_str!("../../../../proto/tests/golden/MotionPlan.v1.json");
@@ -184,7 +183,7 @@ mod tests {
     #[tokio::test(flavor = "multi_thread")]
     async fn a_motion_that_was_not_carried_out_is_shown_no_longer_than_what_it_was_planned_for() {
         let session = Session::embedded().await.expect("a session");
-        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::default()).await.expect("a cell");
+        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::of("the console")).await.expect("a cell");
         let plan: MotionPlan = serde_json::from_str(PLAN).expect("a plan");
         let shown = |id: &str| Arc::new(PlanShown::new(id.to_owned(), &plan, &Isometry3::identity()));
         let cell = Arc::new(cell);
@@ -212,7 +211,7 @@ mod tests {
     async fn a_robot_that_moves_takes_its_own_motion_to_come_from_the_pages_and_no_other_robots() {
         let session = Session::embedded().await.expect("a session");
         let motion = session.start(Service::Motion, Arc::new(Refusing)).await.expect("a worker");
-        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::default()).await.expect("a cell");
+        let cell = WatchedCell::follow(&session, "cell", Arc::default(), Moves::of("the console")).await.expect("a cell");
         let plan: MotionPlan = serde_json::from_str(PLAN).expect("a plan");
         let of = |robot: &str| MotionPlan { robot: robot.to_owned(), ..plan.clone() };
         cell.show_plan(Arc::new(PlanShown::new("to come".to_owned(), &of("left"), &Isometry3::identity())));

@@ -7,13 +7,12 @@ use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderValue, header};
 use repose_proto::CallError;
-use repose_runtime::Session;
+use repose_runtime::{Moves, Session};
 use tokio::sync::{Mutex, OnceCell, watch};
 
 use crate::ConsoleConfig;
 use crate::access::{Access, Role, token_in};
 use crate::cell::WatchedCell;
-use crate::moves::Moves;
 use crate::viewers::Audience;
 
 use super::cells::follow_cells;
@@ -44,7 +43,7 @@ impl AppState {
             config: Arc::new(config),
             access,
             over_tls,
-            moves: Moves::default(),
+            moves: Moves::of("the console"),
             cells: Mutex::default(),
             everywhere: OnceCell::new(),
             expects: AtomicBool::new(false),

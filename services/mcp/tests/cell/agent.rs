@@ -11,25 +11,26 @@ use serde_json::{Value, json};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, DuplexStream};
 use tokio::task::JoinHandle;
 
+use super::WITHIN;
+
 /// Room for what is written and not read yet, bytes.
 const ROOM: usize = 1 << 16;
-/// How long an answer may take.
-const ANSWERED_WITHIN: Duration = Duration::from_secs(20);
 
 /// An agent that has a server of its own.
 pub struct Agent {
+    pub shutdown: Shutdown,
     stream: BufReader<DuplexStream>,
     asked: u64,
     serving: JoinHandle<Result<(), McpError>>,
 }
 
 impl Agent {
-    /// One that has introduced itself.
-    pub async fn connect(desk: Arc<Desk>) -> Self {
-        let (stream, server) = tokio::io::duplex(ROOM);
+    /// One that has introduced itself, to a server that waits so long for what it has begun, when it is to end.
+    pub async fn connect(desk: Arc<Desk>, drain: Duration) -> Self {
+        let ((stream, server), shutdown) = (tokio::io::duplex(ROOM), Shutdown::new());
         let (input, output) = tokio::io::split(server);
-        let serving = tokio::spawn(serve_streams(desk, input, output, Shutdown::new()));
-        let mut agent = Self { stream: BufReader::new(stream), asked: 0, serving };
+        let serving = tokio::spawn(serve_streams(desk, input, output, drain, shutdown.clone()));
+        let mut agent = Self { shutdown, stream: BufReader::new(stream), asked: 0, serving };
         let hello = json!({"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "tests", "version": "1"}});
         agent.request("initialize", hello).await;
         agent.answer().await;
@@ -55,7 +56,7 @@ impl Agent {
                 }
             }
         };
-        tokio::time::timeout(ANSWERED_WITHIN, reading).await.expect("answered in time")
+        tokio::time::timeout(WITHIN, reading).await.expect("answered in time")
     }
 
     /// Says that nothing more will come. It reads on.
@@ -65,7 +66,7 @@ impl Agent {
 
     /// Waits until its server has ended.
     pub async fn end(self) {
-        tokio::time::timeout(ANSWERED_WITHIN, self.serving).await.expect("ended in time").expect("joined").expect("served");
+        tokio::time::timeout(WITHIN, self.serving).await.expect("ended in time").expect("joined").expect("served");
     }
 
     async fn request(&mut self, method: &str, params: Value) {

@@ -1,6 +1,7 @@
 //! A cell of a few lines: a camera that sees blocks, a planner that always answers the same, an arm that moves what it is told to.
 
 pub mod agent;
+pub mod http;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -16,6 +17,9 @@ use repose_proto::{CallError, CameraModel, ErrorCode, Payload, PlaceRequest, Pla
 use repose_runtime::{Call, Handler, LoadGauge, Server, Session, Traffic, load_of, now_ns};
 use serde_json::json;
 use tokio::sync::Notify;
+
+/// How long anything may take.
+pub const WITHIN: Duration = Duration::from_secs(20);
 
 /// A block: its id in the newest view, its centre on the floor, its color.
 pub type Block = (u16, [f64; 2], [u8; 3]);

@@ -158,7 +158,8 @@ pub struct WorkerConfig {
     pub cancel_grace_ms: u64,
     /// How long calls are still taken after the liveliness token was dropped, milliseconds: what it takes callers to see it.
     pub drain_notice_ms: u64,
-    /// How long open calls may then take to finish, and at the console the moves that it has begun, milliseconds. Higher: slower restarts, fewer calls cut off.
+    /// How long open calls may then take to finish, and at the console, a bridge to ROS 2 and `repose mcp` the moves that they
+    /// have begun, milliseconds. Higher: slower restarts, fewer calls cut off.
     pub drain_ms: u64,
     /// How many outcomes of at-most-once calls are remembered.
     pub outcomes_kept: usize,

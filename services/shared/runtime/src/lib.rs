@@ -81,6 +81,7 @@ mod line;
 mod lives;
 mod log_lines;
 pub mod mailbox;
+mod moves;
 mod namesakes;
 mod open_files;
 mod opening;
@@ -126,6 +127,7 @@ pub use http::serve_http;
 pub use job::{Job, JobContext, JobReply};
 pub use journal::COPIES_WAIT;
 pub use lives::Lives;
+pub use moves::{Moves, OwedAnswer, UnderWay};
 pub use queue::{BatchQueue, ComputeQueue, PendingAnswer, QueueSettings};
 pub use robots::{
     STATE_WITHIN, call_moving, emergency_stop, emergency_stop_within, now_ns, reaching_robot, read_robot_mode, read_robot_state,
