@@ -3,12 +3,13 @@
 //! How good the fit is is told on scenes that it has not seen, part by part.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use repose_evaluation::scenes::held_scenes::forecasts_of;
 use repose_evaluation::scenes::success_samples::{FIRST_SEED, SceneAnswers};
 use repose_evaluation::statistics::calibration::Calibration;
 use repose_evaluation::statistics::correlation::area_under_curve;
 use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings};
+use repose_planner::Forecasts;
 use repose_planner::learned::forecast::SUCCESS;
 use repose_planner::learned::success::names;
 use serde_json::json;
@@ -23,7 +24,11 @@ use crate::output::Output;
 /// Tries, fits, writes and reports.
 pub fn run(args: &FitArgs<'_>, output: Output) -> CommandResult {
     let engine = engine(args.start.map(Path::to_owned))?;
-    let forecasts = forecasts_of(&engine)?;
+    // The answers that are learned from are ranked without the forecast that is fitted: what they were made with leaves it out, and one of another
+    // version of the program need not be read.
+    let mut others = engine.forecasts().forecasts;
+    others.remove(SUCCESS);
+    let forecasts = Forecasts::read(&others).map(Arc::new)?;
     let made_with = of_weights(&weights_of(args.start)?, &[SUCCESS]);
     let answers = args.scenes_in("answers.jsonl", FIRST_SEED, &made_with).tried(|index| SceneAnswers::of(index, &engine, &forecasts))?;
     let scenes: Vec<Vec<FitSample>> =
@@ -88,5 +93,18 @@ mod tests {
         assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("data")));
         assert!(refused.into_error().message.contains("answers.jsonl: its scenes were measured with"));
         assert!(!out.exists());
+    }
+
+    #[test]
+    fn the_forecast_that_is_fitted_anew_may_be_of_another_version() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [start, out] = ["start.safetensors", "out.safetensors"].map(|name| folder.path().join(name));
+        let mut older = Weights::embedded().expect("the program's weights");
+        let success = older.info.forecasts.get_mut(SUCCESS).expect("the program's weights have it");
+        success["measures"].as_array_mut().expect("names").pop();
+        std::fs::write(&start, Weights::to_bytes(&older.values, &older.info).expect("weights")).expect("written");
+        let args = FitArgs { data: folder.path(), start: Some(&start), out: &out, first: 0, scenes: 0, threads: 1, seed: 1 };
+        let failed = run(&args, Output { json: false }).expect_err("there is nothing to learn from").into_error();
+        assert!(failed.field.as_deref() == Some("data") && failed.message.contains("samples"), "{failed:?}");
     }
 }
