@@ -8,17 +8,15 @@ use nalgebra::{Isometry3, Point3};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use repose_belief::learned::{kernel_id, models_hash};
-use repose_geometry::ViewerFrame;
 use repose_proto::place::{Outcome, PlaceProgress, PlaceRequest, PlaceResult};
 use repose_proto::{CallError, ErrorCode, Message};
 
 use crate::answers::placement::Evidence;
 use crate::answers::relaxation::relaxation;
 use crate::answers::{Answers, Passed};
-use crate::checks::rules::Rules;
 use crate::judge::Judge;
 use crate::judge::judged::JudgedCandidate;
-use crate::judge::problem::PlacementProblem;
+use crate::judge::problem::{PlacementProblem, posed};
 use crate::learned::models::{PlacementModels, Provenance};
 use crate::scene::prepared::PreparedScene;
 use crate::scene::turned::Turned;
@@ -69,15 +67,17 @@ pub struct Taken<'a> {
     pub centroid: Point3<f64>,
 }
 
+impl Taken<'_> {
+    /// Whether an answer that puts the scene's object somewhere is so far from all of them.
+    fn is_apart(&self, placed_from_scene: &Isometry3<f64>, apart_m: f64) -> bool {
+        is_apart(&(placed_from_scene * self.centroid), self.places, apart_m)
+    }
+}
+
 impl<'a> Attitude<'a> {
     /// As the object was seen.
     pub fn as_seen(prepared: &'a PreparedScene) -> Self {
         Self { prepared, turned: None, taken: None }
-    }
-
-    /// Whether an answer that puts the scene's object somewhere is so far from all those that there are.
-    fn is_apart(&self, placed_from_scene: &Isometry3<f64>, apart_m: f64) -> bool {
-        self.taken.is_none_or(|taken| is_apart(&(placed_from_scene * taken.centroid), taken.places, apart_m))
     }
 }
 
@@ -107,10 +107,18 @@ pub fn planned(
     }
     let settings = PlanSettings::of(request);
     check_demands(request, &settings)?;
-    let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
-    let query = prepared.query(request.query, settings.min_clearance_m, &settings.fixed)?;
-    let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules)?;
-    let problem = PlacementProblem { prepared, turned, query: &query, rules: &rules, request, settings: &settings };
+    posed(prepared, turned, request, &settings, |problem| searched(problem, taken, models, control, reports))?
+}
+
+/// Searches for the answers of a problem that are apart from those `taken`; see [`planned`].
+fn searched(
+    problem: PlacementProblem<'_>,
+    taken: Option<Taken<'_>>,
+    models: &dyn PlacementModels,
+    control: &mut dyn FnMut(SearchStep) -> ControlFlow<StopReason>,
+    reports: bool,
+) -> Result<(PlanReport, Passed), CallError> {
+    let PlacementProblem { query, request, settings, .. } = problem;
     let evidence = Evidence::new(problem);
     let mut judge = Judge::new(problem, models);
     let mut rng = Pcg64::seed_from_u64(request.seed);
@@ -129,7 +137,7 @@ pub fn planned(
             Some(findings) => SearchStep::Iteration(Box::new(PlaceProgress {
                 iterations: findings.iterations,
                 evaluated: findings.evaluated,
-                best: findings.best_so_far(&settings).map(|best| evidence.placement(best)),
+                best: findings.best_so_far(settings).map(|best| evidence.placement(best)),
             })),
         })
     })?;
@@ -138,7 +146,7 @@ pub fn planned(
     }
     let apart = |judged: &JudgedCandidate| {
         let let_go = problem.let_go(&judged.candidate);
-        attitude.is_apart(&let_go.placed_from_observed(&query.shape.centroid), settings.min_separation_m)
+        taken.is_none_or(|taken| taken.is_apart(&let_go.placed_from_observed(&query.shape.centroid), settings.min_separation_m))
     };
     let mut answers = Answers::choose(&mut judge, &mut findings, &apart, &mut stopped, &mut || go_on(SearchStep::Batch).break_value())?;
     if stopped == Some(StopReason::Cancelled) {

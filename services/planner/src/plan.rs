@@ -82,7 +82,7 @@ pub fn refusal(
     request: &PlaceRequest,
     placed_from_observed: &Isometry3<f64>,
 ) -> Result<Option<Rejection>, CallError> {
-    posed(prepared, request, &PlanSettings::of(request), |problem| {
+    posed(prepared, None, request, &PlanSettings::of(request), |problem| {
         let centroid = placed_from_observed * problem.query.shape.centroid;
         let (_, _, yaw_rad) = placed_from_observed.rotation.euler_angles();
         let candidate = CandidatePose { centroid_m: centroid.coords.cast().into(), yaw_rad: yaw_rad as f32 };

@@ -9,6 +9,7 @@ pub mod carry_watch;
 pub mod cell_run;
 pub mod completion_samples;
 pub mod cut_samples;
+pub mod farther_samples;
 pub mod foot_samples;
 pub mod held_scenes;
 pub mod loads;

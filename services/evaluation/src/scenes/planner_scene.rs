@@ -237,7 +237,7 @@ pub struct SceneRecord {
     /// Whether that search finds one that stands with its whole base: nothing else may be set over an edge on purpose.
     #[serde(default)]
     pub whole_based: bool,
-    /// Whether the object stands by itself in the attitude in which it was seen: one that leans can only be set down leaning on something.
+    /// Whether the object stands by itself in the attitude in which it was seen: one that leans can, in that attitude, only be set down leaning on something.
     #[serde(default)]
     pub stands_alone: bool,
     /// Why the planner would refuse the answers of that search, by what it believes and before any network is asked: the first constraint that fails, none

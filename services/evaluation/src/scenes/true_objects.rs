@@ -55,7 +55,9 @@ pub(crate) fn true_shape(object: &SceneObject, centroid: Point3<f64>) -> Option<
         turn_base: base.clone(),
         base,
         doubt: Vector2::zeros(),
+        ends: Vec::new(),
         foot_probability: 1.0,
         foot_doubt_m: 0.0,
+        landing_probability: 1.0,
     })
 }

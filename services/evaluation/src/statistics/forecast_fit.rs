@@ -64,6 +64,20 @@ impl FitSettings {
         Self { trees: 250, leaves: 32, learning_rate: 0.15, releases_share: 0.7, measures_share: 0.8, seed, ..Self::default() }
     }
 
+    /// For some hundred thousand ends of ten thousand objects and more, each asked at several steps.
+    pub fn of_steps(seed: u64) -> Self {
+        Self {
+            trees: 240,
+            leaves: 24,
+            learning_rate: 0.12,
+            least_curvature: 20.0,
+            releases_share: 0.6,
+            measures_share: 0.6,
+            seed,
+            ..Self::default()
+        }
+    }
+
     /// For lengths of ten thousand objects: of what was tried, the least error on training scenes held out.
     pub fn of_lengths(seed: u64) -> Self {
         Self { trees: 160, leaves: 12, learning_rate: 0.07, least_curvature: 20.0, releases_share: 0.7, seed, ..Self::default() }

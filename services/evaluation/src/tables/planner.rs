@@ -358,7 +358,8 @@ mod tests {
             goal,
             true_supports,
             whole_based: true_supports > 1,
-            stands_alone: true,
+            // One leans.
+            stands_alone: slot != 5,
             true_refusals: vec![Some(Rejection::Unsupported); true_supports],
             script: ScriptTrial { release: None },
             trials,
@@ -378,6 +379,9 @@ mod tests {
             // The search with the truth missed this one's answer.
             record(4, SceneKind::Shelf, 0, both(Some(true), None)),
         ];
+        let leaning = record(5, SceneKind::Shelf, 2, both(None, None));
+        let standing = planner_tables(&[records[0].clone(), leaning], &[Variant::Best]);
+        assert_eq!(standing[0].all.rows[0].joint_of_self_standing, Rate { of: 1, n: 1 }, "of what leans no answer is asked");
         let tables = planner_tables(&records, &[Variant::Best, Variant::Geometric]);
         let [table] = &tables[..] else { panic!("one set") };
         assert_eq!((table.all.scenes, table.all.answerable, table.all.found_by_variants_only), (5, 4, 1));

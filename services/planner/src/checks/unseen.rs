@@ -3,13 +3,14 @@
 //! Such space may be free or filled. The place where the object itself stood is free once the object is picked up. Where it reaches once it is turned
 //! over it never stood: what it filled before that is free in the scene already.
 
-use nalgebra::Point2;
+use nalgebra::{Point2, Point3};
 use repose_proto::UnseenSpace;
 
 use crate::scene::candidate::CandidatePose;
 use crate::scene::query::QueryObject;
 use crate::settings::UnseenShareSettings;
 use repose_belief::shape::Shape;
+use repose_belief::view::ObservedView;
 
 /// The share of the query's volume, placed as a candidate, in space that was not seen; 0 without any such space.
 pub fn unseen_share(space: Option<&UnseenSpace>, query: &QueryObject, candidate: &CandidatePose, settings: &UnseenShareSettings) -> f64 {
@@ -37,6 +38,24 @@ pub fn unseen_share(space: Option<&UnseenSpace>, query: &QueryObject, candidate:
         }
     }
     unseen as f64 / tried.max(1) as f64
+}
+
+/// The share of the query's volume, placed as a candidate, in directions of the picture in which the camera read nothing: holes, what is looked at flatly,
+/// and the borders of things.
+pub fn unread_share(view: &ObservedView, query: &QueryObject, candidate: &CandidatePose, settings: &UnseenShareSettings) -> f64 {
+    let bottom_m = query.bottom_of(candidate.centroid_m[2]);
+    let carry = candidate.carrying();
+    let (mut tried, mut unread) = (0usize, 0usize);
+    for prism in &query.prisms {
+        let levels = ((prism.high_m - prism.low_m) / settings.step_m).ceil().max(1.0);
+        let rise_m = (prism.high_m - prism.low_m) / levels;
+        for at in prism.sparse.iter().map(|offset| carry.place(offset)) {
+            let places = (0..levels as usize).map(|level| Point3::new(at.x, at.y, bottom_m + prism.low_m + (level as f32 + 0.5) * rise_m));
+            tried += levels as usize;
+            unread += places.filter(|place| view.is_unread(place)).count();
+        }
+    }
+    unread as f64 / tried.max(1) as f64
 }
 
 /// Whether a place is inside a shape.
@@ -75,6 +94,24 @@ mod tests {
         assert_eq!(share(0.3, 0.0), 0.0);
         assert!(share(-0.3, -0.2) < 0.15, "{}", share(-0.3, -0.2));
         assert_eq!(unseen_share(None, &query, &standing_at(&query, 0.0, 0.2, 0.0), &fixed.unseen), 0.0);
+    }
+
+    #[test]
+    fn where_the_camera_read_nothing_is_unread_and_what_something_hides_is_not() {
+        let mut scene = SceneBuilder::table().object(1, [0.0, 0.1], [0.3, 0.04, 0.25]).object(2, [-0.3, -0.2], [0.06, 0.06, 0.08]).scene();
+        // A hole of 20 cm in the table, where nothing was read.
+        let is_kept: Vec<bool> =
+            scene.points.iter().map(|[x, y, z]| *z > 0.01 || (x - 0.3).abs() > 0.1 || (y + 0.15).abs() > 0.1).collect();
+        let mut kept = is_kept.iter();
+        scene.points.retain(|_| *kept.next().expect("one a point"));
+        let mut kept = is_kept.iter();
+        scene.labels.retain(|_| *kept.next().expect("one a point"));
+        let table = PreparedScene::new(Arc::new(scene));
+        let fixed = Fixed::default();
+        let query = QueryObject::new(&table, 2, 0.0, &fixed).unwrap();
+        let share = |x: f32, y: f32| unread_share(&table.belief.view, &query, &standing_at(&query, x, y, 0.001), &fixed.unseen);
+        assert!(share(0.3, -0.15) > 0.5 && share(0.0, -0.15) < 0.2, "{} {}", share(0.3, -0.15), share(0.0, -0.15));
+        assert!(share(0.0, 0.2) < 0.2, "behind the wall: {}", share(0.0, 0.2));
     }
 
     #[test]

@@ -68,6 +68,7 @@ impl<'a> Costs<'a> {
             unseen_share: judged.unseen_share.unwrap_or(0.0),
             fragile_share: judged.fragility.map_or(0.0, |fragility| fragility.as_asked),
             doubtful_share: found.doubtful_share,
+            farther_chance: found.farther_chance,
         };
         let main = request.main_anchor().and_then(|a| prepared.belief.objects.get(&a));
         let distance_m = main.map_or(0.0, |a| (a.centroid - judged.candidate.centroid()).xy().norm());
@@ -114,6 +115,8 @@ pub struct Comfort {
     pub fragile_share: f64,
     /// Share of the space that its unseen back may reach which something else fills.
     pub doubtful_share: f64,
+    /// How likely an end of it that may be farther out than believed reaches something.
+    pub farther_chance: f64,
 }
 
 /// How far a candidate is from standing comfortably: 0 for the middle of an empty, fully seen table.
@@ -131,6 +134,7 @@ pub fn soundness_cost(comfort: &Comfort, query: &QueryObject, settings: &Soundne
         (w.fragile, comfort.fragile_share),
         // A tenth of it filled is as bad as all of it: either would push something.
         (w.doubtful, (10.0 * comfort.doubtful_share).min(1.0)),
+        (w.farther, comfort.farther_chance),
     ];
     shortfalls.iter().map(|(weight, shortfall)| shortfall * weight).sum()
 }
@@ -138,6 +142,30 @@ pub fn soundness_cost(comfort: &Comfort, query: &QueryObject, settings: &Soundne
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_costs_more_the_likelier_an_unseen_end_reaches_something_there() {
+        use crate::tests::synthetic::{Prepared, SceneBuilder};
+        let table = SceneBuilder::table().object(1, [0.0, 0.0], [0.1, 0.1, 0.1]).prepared();
+        let fixed = crate::settings::Fixed::default();
+        let query = QueryObject::new(&table, 1, 0.0, &fixed).unwrap();
+        let footing = Footing { seen_share: 1.0, carried_share: 1.0, margin_m: Some(1.0), carrier: Some(0) };
+        let cost = |farther_chance: f64| {
+            let comfort = Comfort {
+                footing,
+                rim_share: 1.0,
+                clearance_m: 1.0,
+                unhidden: 1.0,
+                on_stranger: false,
+                unseen_share: 0.0,
+                fragile_share: 0.0,
+                doubtful_share: 0.0,
+                farther_chance,
+            };
+            soundness_cost(&comfort, &query, &fixed.soundness)
+        };
+        assert!(cost(0.2) > cost(0.0) && cost(0.5) > cost(0.2), "{} {} {}", cost(0.0), cost(0.2), cost(0.5));
+    }
 
     #[test]
     fn certain_terms_cost_nothing_and_each_doubt_adds() {

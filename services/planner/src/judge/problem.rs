@@ -31,12 +31,13 @@ pub struct PlacementProblem<'a> {
     pub settings: &'a PlanSettings,
 }
 
-/// Has work done on the problem that a request poses on a scene, with the object as it lies.
+/// Has work done on the problem that a request poses on a scene, in which the object lies as it was seen or was turned over.
 ///
 /// # Errors
 /// `not_found` on `query` or `goal[i].anchor`, `failed_precondition` for an object of which too little was seen.
 pub fn posed<T>(
     prepared: &PreparedScene,
+    turned: Option<&Turned<'_>>,
     request: &PlaceRequest,
     settings: &PlanSettings,
     work: impl FnOnce(PlacementProblem<'_>) -> T,
@@ -44,7 +45,7 @@ pub fn posed<T>(
     let viewer = ViewerFrame::from_yaw(request.view_yaw_rad.unwrap_or(prepared.scene.meta.view_yaw_rad));
     let query = prepared.query(request.query, settings.min_clearance_m, &settings.fixed)?;
     let rules = Rules::new(prepared, query.id, &request.goal, &viewer, &settings.fixed.rules)?;
-    Ok(work(PlacementProblem { prepared, turned: None, query: &query, rules: &rules, request, settings }))
+    Ok(work(PlacementProblem { prepared, turned, query: &query, rules: &rules, request, settings }))
 }
 
 impl<'a> PlacementProblem<'a> {

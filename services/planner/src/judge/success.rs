@@ -3,6 +3,7 @@
 use repose_belief::view::OutlineEnds;
 use repose_proto::Relation;
 
+use crate::checks::unseen::unread_share;
 use crate::judge::judged::JudgedCandidate;
 use crate::judge::problem::PlacementProblem;
 use crate::judge::standing::Standing;
@@ -55,7 +56,8 @@ pub fn measures(problem: &PlacementProblem<'_>, standing: &Standing, judged: &Ju
         .chain(of_carriers(problem, judged))
         .chain(of_pictures(problem))
         .chain(of_anchor(problem, judged))
-        .chain(of_turn(problem, standing));
+        .chain(of_turn(problem, standing))
+        .chain(of_unknown(problem, judged));
     Some(of_place.iter().copied().chain(all.map(|value| value as f32)).collect())
 }
 
@@ -104,4 +106,17 @@ fn of_anchor(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> [f64; 
 fn of_turn(problem: &PlacementProblem<'_>, standing: &Standing) -> [f64; 3] {
     let [angle_rad, seen_base_share] = Turned::measures(problem.turned);
     [standing.stood, angle_rad, seen_base_share]
+}
+
+/// How likely it reaches something with what was not seen of it, and how much of it is where nothing was read; how likely what was not seen makes the
+/// goal fail, and how likely it lands well.
+fn of_unknown(problem: &PlacementProblem<'_>, judged: &JudgedCandidate) -> [f64; 4] {
+    // The picture of the scene as it was seen: in that of another side there is a hole where the object was.
+    let (view, unseen) = (&problem.as_seen().belief.view, &problem.settings.fixed.unseen);
+    [
+        judged.obstruction.map_or(0.0, |found| found.farther_chance),
+        unread_share(view, problem.query, &judged.candidate, unseen),
+        problem.rules.farther_chance(&judged.candidate),
+        f64::from(problem.query.shape.landing_probability),
+    ]
 }

@@ -7,7 +7,7 @@
 use crate::learned::stability::{self, COUNT as OF_PLACE};
 
 /// The measures beside those of [`stability`], in their order.
-const BESIDE: [&str; 42] = [
+const BESIDE: [&str; 46] = [
     // The probability that it stays.
     "stays",
     // The least probability of a goal term, and the least margin by rule, metres.
@@ -70,6 +70,13 @@ const BESIDE: [&str; 42] = [
     "stood",
     "turned",
     "seen_base",
+    // How likely an end of it that may be farther out than believed reaches something. Its volume in directions in which nothing was read, near or far:
+    // what is looked at flatly gives no reading either.
+    "farther",
+    "unread",
+    // How likely an end of it or of an anchor that may be farther out makes a goal of a direction fail; how likely its foot is so near that it lands well.
+    "goal_farther",
+    "landing",
 ];
 
 /// The number of measures.

@@ -315,6 +315,8 @@ pub struct SoundnessWeights {
     pub fragile: f64,
     /// Something is where its unseen back may reach.
     pub doubtful: f64,
+    /// Something is where an end of it is if it is farther out than believed.
+    pub farther: f64,
 }
 
 impl Default for SoundnessWeights {
@@ -329,6 +331,7 @@ impl Default for SoundnessWeights {
             unseen_space: 0.3,
             fragile: 0.5,
             doubtful: 0.3,
+            farther: 0.6,
         }
     }
 }

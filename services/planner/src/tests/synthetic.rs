@@ -37,5 +37,5 @@ pub fn posed<T>(
     settings: &PlanSettings,
     work: impl FnOnce(PlacementProblem<'_>) -> T,
 ) -> T {
-    problem::posed(prepared, request, settings, work).unwrap()
+    problem::posed(prepared, None, request, settings, work).unwrap()
 }

@@ -37,8 +37,10 @@ fn known(boxes: &[KnownBox]) -> PreparedScene {
             slabs: vec![Slab::of(bottom_m, top_m, outline.clone())],
             base: outline,
             doubt: Vector2::zeros(),
+            ends: Vec::new(),
             foot_probability: 1.0,
             foot_doubt_m: 0.0,
+            landing_probability: 1.0,
         };
         (*id, shape)
     };

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use repose_networks::completion::SLABS;
 
 use crate::completion::filled;
-use crate::foot::Level;
+use crate::foot_levels::Level;
 use crate::shape::Shape;
 use crate::standing::ObservedGeometry;
 

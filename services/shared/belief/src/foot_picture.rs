@@ -11,7 +11,8 @@ use rayon::prelude::*;
 use repose_networks::feet::{AskedLevel, FeetNetwork, FootPicture, SIDE, Shown, ShownPixel};
 
 use crate::boosted_trees::probability_of;
-use crate::foot::{Chosen, Foot, Level};
+use crate::foot::{Chosen, Foot};
+use crate::foot_levels::Level;
 use crate::view::ObservedView;
 
 /// Objects one of whose levels the trees find this likely or more are not looked at: of these 99 in 100 are right.
@@ -178,7 +179,7 @@ mod tests {
 
     use super::*;
     use crate::BeliefSettings;
-    use crate::foot::MEASURES;
+    use crate::foot_levels::MEASURES;
 
     /// A block with id 1 on a table.
     fn view(roll_rad: f64) -> ObservedView {

@@ -6,15 +6,16 @@ use std::sync::LazyLock;
 use repose_networks::{completion, digest::digest, feet};
 
 use crate::completion::network;
-use crate::{back, bearing, cut, foot};
+use crate::{back, bearing, cut, farther, foot};
 
 /// Every part by name, as its file has it.
-pub fn parts() -> [(&'static str, &'static [u8]); 6] {
+pub fn parts() -> [(&'static str, &'static [u8]); 7] {
     [
         ("back", back::FILE.as_bytes()),
         ("bearing", bearing::FILE.as_bytes()),
         ("completion", completion::FILE),
         ("cut", cut::FILE.as_bytes()),
+        ("farther", farther::FILE.as_bytes()),
         ("feet", feet::FILE),
         ("foot", foot::FILE.as_bytes()),
     ]

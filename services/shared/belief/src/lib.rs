@@ -42,8 +42,10 @@ pub mod covering;
 pub mod crown;
 pub mod cut;
 pub mod far_side;
+pub mod farther;
 pub mod filling;
 pub mod foot;
+pub mod foot_levels;
 pub mod foot_picture;
 pub mod front;
 pub mod learned;
@@ -77,8 +79,10 @@ use covering::{Covered, go_on_under};
 use crown::is_crowned;
 use cut::Cut;
 use far_side::solid_runs;
+use farther::Farther;
 use filling::Filling;
-use foot::{Chosen, Level};
+use foot::Chosen;
+use foot_levels::Level;
 use foot_picture::DoubtfulFoot;
 use front::Front;
 use meeting::Edges;
@@ -236,6 +240,7 @@ impl Belief {
     ) -> Result<Self, TooWide> {
         let observed = Observed::of(seen, settings)?;
         let geometry = observed.geometry(settings);
+        let are_known = known.is_some();
         let (by_rule, elsewhere, completion) = match known {
             Some((shapes, elsewhere)) => (shapes, elsewhere, None),
             None => (completed(&geometry), BTreeSet::new(), settings.completion.as_ref()),
@@ -247,6 +252,9 @@ impl Belief {
             Some(completion) => by_network(&by_rule, &geometry, completion),
             None => by_rule,
         };
+        if !are_known {
+            find_ends(&mut shapes, &geometry);
+        }
         // Beside what stands elsewhere the camera has not looked.
         let looks = |id: u16| (!elsewhere.contains(&id)).then_some(&observed.view);
         let of_objects = shapes.iter().flat_map(|(id, shape)| unseen_runs(*id, shape, &observed.columns, looks(*id)));
@@ -349,9 +357,20 @@ fn completed(seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
         shapes.entry(id).and_modify(|shape| {
             shape.foot_probability = foot.probability as f32;
             shape.foot_doubt_m = foot.lower_m;
+            shape.landing_probability = foot.landing_probability as f32;
         });
     }
     shapes
+}
+
+/// Finds the ends of shapes that may be farther out.
+fn find_ends(shapes: &mut BTreeMap<u16, Shape>, seen: &ObservedGeometry<'_>) {
+    let eye = seen.view.eye().xy();
+    shapes.par_iter_mut().for_each(|(id, shape)| {
+        if let Some(front) = Front::of(&seen.clouds[id], shape.bottom_m, &eye, &seen.settings.shape) {
+            shape.ends = Farther::own().ends(&front, shape, seen.view, seen.settings).into();
+        }
+    });
 }
 
 /// The shapes that the network completes; where it says nothing, those of the rules.
@@ -365,7 +384,7 @@ fn by_network(by_rule: &BTreeMap<u16, Shape>, seen: &ObservedGeometry<'_>, setti
 
 /// The levels that each object's foot may be at, with the shapes that the rule completes.
 fn foot_levels(seen: &ObservedGeometry<'_>, by_rule: &BTreeMap<u16, Shape>) -> BTreeMap<u16, Vec<Level>> {
-    let mut levels = foot::levels(seen, by_rule, &candidates(seen, by_rule));
+    let mut levels = foot_levels::levels(seen, by_rule, &candidates(seen, by_rule));
     let lowest = standing_at(&filling::lowest(&levels, seen), seen);
     filling::add(&mut levels, [&Filling::of(seen, &lowest), &Filling::of(seen, by_rule)]);
     levels
@@ -474,6 +493,7 @@ mod tests {
         let belief = Belief::of(&seen, &BeliefSettings::default()).expect("a small scene");
         let shape = belief.objects[&1].shape.as_ref().expect("it has an extent");
         assert!(shape.slabs.iter().all(|slab| slab.low_m.is_finite() && slab.outline.area() < 10.0), "{shape:?}");
+        assert!(shape.ends.iter().all(|end| end.chances.iter().all(|chance| (0.0..=1.0).contains(chance))), "{shape:?}");
     }
 
     /// What is believed of a made scene.

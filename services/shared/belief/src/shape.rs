@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use repose_geometry::Footprint;
 
 use crate::far_side::far_side;
+use crate::farther::UnseenEnd;
 use crate::front::{Front, span};
 use crate::outlines::{area_centroid, outline_gap_m};
 use crate::settings::ShapeSettings;
@@ -60,10 +61,14 @@ pub struct Shape {
     pub base: Footprint,
     /// How much farther its back may reach than the prisms do, world axes seen from above, metres.
     pub doubt: Vector2<f32>,
+    /// Its ends that may be farther out than the prisms are ([`crate::farther`]); none where that was not asked.
+    pub ends: Vec<UnseenEnd>,
     /// How likely its bottom is as high as is believed ([`crate::foot`]); 1 where that was not asked.
     pub foot_probability: f32,
     /// How much lower its bottom may be, metres; 0 where that was not asked.
     pub foot_doubt_m: f32,
+    /// How likely its bottom is so near to where it is believed that it lands well where it is let go; 1 where that was not asked.
+    pub landing_probability: f32,
 }
 
 /// What was not seen of an object, by belief, metres.
@@ -156,8 +161,10 @@ impl Shape {
             slabs,
             base,
             doubt,
+            ends: Vec::new(),
             foot_probability: 1.0,
             foot_doubt_m: 0.0,
+            landing_probability: 1.0,
         })
     }
 
@@ -177,8 +184,10 @@ impl Shape {
             slabs: self.slabs.iter().map(slab).collect::<Option<_>>()?,
             base: outline(&self.base)?,
             doubt: self.doubt_after(motion),
+            ends: self.ends_after(motion),
             foot_probability: self.foot_probability,
             foot_doubt_m: self.foot_doubt_m,
+            landing_probability: self.landing_probability,
         })
     }
 
@@ -191,10 +200,14 @@ impl Shape {
         // What is known of its back is no longer in doubt.
         let known_m = |back: &Vector2<f32>| reach_m(top, back) - reach_m(before, back);
         let doubt = self.doubt.try_normalize(1e-6).map_or(self.doubt, |back| back * (self.doubt.norm() - known_m(&back)).max(0.0));
+        let mut ends = self.ends.clone();
+        for end in &mut ends {
+            *end = end.beyond((reach_m(top, &end.outwards) - reach_m(before, &end.outwards)).max(0.0));
+        }
         // As far to one side of its middle as to the other.
         let moved = area_centroid(top) - area_centroid(before);
         let (axis, turn_axis) = (self.axis + moved, self.turn_axis + moved);
-        Some(Self { axis, turn_axis, doubt, base: with(&self.base)?, turn_base: with(&self.turn_base)?, slabs, ..self.clone() })
+        Some(Self { axis, turn_axis, doubt, ends, base: with(&self.base)?, turn_base: with(&self.turn_base)?, slabs, ..self.clone() })
     }
 
     /// The same with its top at another height, above its bottom.
@@ -208,6 +221,11 @@ impl Shape {
     /// Where more of its back may be after a motion that may set it on another side, seen from above.
     pub fn doubt_after(&self, motion: &Isometry3<f64>) -> Vector2<f32> {
         (motion.rotation * self.doubt.push(0.0).cast::<f64>()).xy().cast::<f32>()
+    }
+
+    /// Its ends after a motion that may set it on another side.
+    pub fn ends_after(&self, motion: &Isometry3<f64>) -> Vec<UnseenEnd> {
+        self.ends.iter().filter_map(|end| end.moved(motion)).collect()
     }
 
     /// The shape with all that it and its back may be. None where an outline vanishes.

@@ -55,7 +55,12 @@ impl CompletedSurface {
         // Whoever sees all of it looks from above.
         let middle = self.center_of_mass.xy();
         let around = Shape::of_surface(&Front::of(&self.points, bottom_m, &middle, settings)?, middle, settings)?;
-        Some(Shape { doubt: before.doubt_after(motion), foot_probability: before.foot_probability, ..around })
+        Some(Shape {
+            doubt: before.doubt_after(motion),
+            ends: before.ends_after(motion),
+            foot_probability: before.foot_probability,
+            ..around
+        })
     }
 
     /// The same after a motion.

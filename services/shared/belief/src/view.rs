@@ -157,6 +157,11 @@ impl ObservedView {
         self.camera.pixel_of(&(self.camera_from_world * place.cast::<f64>())).is_some()
     }
 
+    /// Whether a place (world frame) is within the picture's edges, and the camera read nothing in its direction.
+    pub fn is_unread(&self, place: &Point3<f32>) -> bool {
+        self.camera.pixel_of(&(self.camera_from_world * place.cast::<f64>())).is_some_and(|at| self.pixels[at].depth_m <= 0.0)
+    }
+
     /// Whether the camera saw past a place (world frame): something lies clearly behind it.
     ///
     /// Pixels without a reading (borders of objects are cleaned away) take the word of the nearest thing around them.

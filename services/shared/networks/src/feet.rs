@@ -18,7 +18,7 @@ use crate::weights::WeightsError;
 
 /// Pixels along each side of the picture.
 pub const SIDE: usize = 56;
-/// Measures of a level, in the order of `repose_belief::foot::MEASURES`.
+/// Measures of a level, in the order of `repose_belief::foot_levels::MEASURES`.
 pub const MEASURES: usize = 56;
 /// What is told beside the picture: the measures, the trees' log-odds, and what the picture is like.
 const NUMBERS: usize = MEASURES + 5;

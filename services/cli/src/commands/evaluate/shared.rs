@@ -24,7 +24,7 @@ pub struct TableArgs {
     #[arg(long, default_value = "validation", value_parser = parse_table_split)]
     pub split: Split,
     /// The block of `final`. Default: the next one, or the one that an interrupted run of the same code and settings had started. With `--split
-    /// validation` a block that was run before, whose scenes are validation scenes since then.
+    /// validation`, in place of its own scenes, those of a block that was run before: they are validation scenes since then.
     #[arg(long, value_name = "N")]
     pub block: Option<u64>,
     /// A weights file. Default: the program's own weights.
@@ -38,11 +38,16 @@ pub struct TableArgs {
 impl TableArgs {
     /// The first scene, counted from the split's first seed: the block's, which is written down here when it begins.
     pub fn first(&self, table: &str, made_with: &Value) -> Result<SceneRange, Failure> {
-        let commit = own_commit(&ledger());
+        self.first_by(&ledger(), table, made_with)
+    }
+
+    /// The same by the ledger in a file.
+    fn first_by(&self, ledger: &Path, table: &str, made_with: &Value) -> Result<SceneRange, Failure> {
+        let commit = own_commit(ledger);
         let refused = |e| Failure::bad_input("block", e);
         let block = match (self.split, self.block) {
-            (Split::Final, asked) => claim(&ledger(), table, asked, &commit, made_with).map_err(refused)?,
-            (Split::Validation, Some(block)) => check_was_run(&ledger(), table, block).map(|()| block).map_err(refused)?,
+            (Split::Final, asked) => claim(ledger, table, asked, &commit, made_with).map_err(refused)?,
+            (Split::Validation, Some(block)) => check_was_run(ledger, table, block).map(|()| block).map_err(refused)?,
             (_, Some(_)) => {
                 return Err(Failure::bad_input("block", "`test` has no blocks, `final` has, and `validation` those of it that were run"));
             }
@@ -137,13 +142,25 @@ mod tests {
 
     #[test]
     fn only_final_and_validation_have_blocks() {
-        let args = |split: Split| TableArgs { split, block: Some(7_000), weights: None, threads: None };
-        // Wherever this runs, that block was not run.
-        for split in [Split::Test, Split::Validation] {
-            let refused = args(split).first("planner", &Value::Null).expect_err("no such block");
-            assert_eq!((refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())), (2, Some("block")), "{split:?}");
+        let folder = tempfile::tempdir().expect("a folder");
+        let ledger = folder.path().join("final.jsonl");
+        claim(&ledger, "planner", None, "a commit", &Value::Null).expect("block 0");
+        let first = |split: Split, block: Option<u64>, table: &str| {
+            TableArgs { split, block, weights: None, threads: None }.first_by(&ledger, table, &Value::Null)
+        };
+        for (split, block, table) in [(Split::Test, 0, "planner"), (Split::Validation, 1, "planner"), (Split::Validation, 0, "relations")] {
+            let refused = first(split, Some(block), table).expect_err("no such block");
+            assert_eq!(
+                (refused.exit_code(), refused.error().and_then(|e| e.field.as_deref())),
+                (2, Some("block")),
+                "{split:?} {block} {table}"
+            );
         }
-        let whole = TableArgs { block: None, ..args(Split::Validation) }.first("planner", &Value::Null).unwrap_or_else(|e| panic!("{e:?}"));
+        let whole = first(Split::Validation, None, "planner").unwrap_or_else(|e| panic!("{e:?}"));
         assert_eq!((whole.seeds_of, whole.first, whole.block), (Split::Validation, 0, None));
+        let of_block = first(Split::Validation, Some(0), "planner").unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!((of_block.seeds_of, of_block.first), (Split::Final, 0));
+        let named = of_block.named(&serde_json::json!({}));
+        assert_eq!((named["split"].as_str(), named["block"].as_u64()), (Some("validation"), Some(0)));
     }
 }

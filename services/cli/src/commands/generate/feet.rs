@@ -84,7 +84,7 @@ fn shard_of(samples: &[DoubtfulSample], metadata: HashMap<String, String>) -> Re
 mod tests {
     use std::array::from_fn;
 
-    use repose_belief::foot::Level;
+    use repose_belief::foot_levels::Level;
     use repose_belief::foot_picture::DoubtfulFoot;
     use repose_networks::feet::{FootPicture, Shown, ShownPixel};
     use safetensors::SafeTensors;

@@ -2,7 +2,8 @@
 //!
 //! How good the fit is is told on scenes that it has not seen, part by part, beside the rule's word.
 
-use repose_belief::foot::{Foot, FootFitData, Level};
+use repose_belief::foot::{Foot, FootFitData};
+use repose_belief::foot_levels::Level;
 use repose_evaluation::scenes::foot_samples::{FIRST_SEED, SceneFeet, TrueLevel};
 use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_log_odds};
 use repose_evaluation::statistics::rate::Rate;
@@ -71,6 +72,6 @@ impl MeasuredScene for SceneFeet {
     }
 
     fn other_length(&self) -> Option<String> {
-        other_length(repose_belief::foot::MEASURES.len(), self.objects.iter().flatten().map(|(measures, _)| measures))
+        other_length(repose_belief::foot_levels::MEASURES.len(), self.objects.iter().flatten().map(|(measures, _)| measures))
     }
 }

@@ -3,6 +3,7 @@
 mod back;
 mod bearing;
 mod cut;
+mod farther;
 mod foot;
 pub mod made_with;
 mod stability;
@@ -35,6 +36,10 @@ const BACK_SCENES: u64 = 1500;
 const CUT: &str = "cut";
 /// Scenes that `cut` tries unless told.
 const CUT_SCENES: u64 = 4000;
+/// What `--network` calls how likely objects go on farther than is believed.
+const FARTHER: &str = "farther";
+/// Scenes that `farther` tries unless told.
+const FARTHER_SCENES: u64 = 3000;
 /// What `--network` calls which objects bear which.
 const BEARING: &str = "bearing";
 /// Scenes that `bearing` tries unless told.
@@ -47,7 +52,7 @@ const FOOT_SCENES: u64 = 3000;
 const STANDING_SCENES: u64 = 2000;
 
 /// What is fitted in place of trained.
-const FITTED: [&str; 7] = [STABILITY, STANDING, SUCCESS, BACK, CUT, BEARING, FOOT];
+const FITTED: [&str; 8] = [STABILITY, STANDING, SUCCESS, BACK, CUT, FARTHER, BEARING, FOOT];
 /// The relation predictor that is trained unless told.
 const RELATIONS: &str = "measured";
 /// Where networks are trained unless told.
@@ -67,9 +72,9 @@ pub struct TrainArgs {
     /// stability (fitted on `generate --proposals` with its other settings at their defaults; `--steps` limits the scenes), then success (fitted
     /// on outcomes of the planner's own answers in `--steps` scenes, 700 by default). Shape completion: back (how far
     /// objects extend behind their observed points; fitted on `--steps` scenes, 1500 by default), cut (how far where something nearer or the
-    /// picture's edge cuts them off; 4000), foot (how high their bottoms are; 3000), and loads: bearing (which objects lie on which; 1500), which
-    /// are not part of the weights: set `--out` to back.json, cut.json, foot.json or bearing.json in services/shared/belief/weights and build the
-    /// program again.
+    /// picture's edge cuts them off; 4000), foot (how high their bottoms are; 3000), farther (how likely they go on farther than all that says; 3000), and
+    /// loads: bearing (which objects lie on which; 1500), which are not part of the weights: set `--out` to back.json, cut.json, foot.json, farther.json
+    /// or bearing.json in services/shared/belief/weights and build the program again.
     #[arg(long)]
     pub network: String,
     /// The relation predictor that `joint` and `relations` train: measured (uses geometric measures of the pair beside the codes) or paper.
@@ -97,7 +102,7 @@ pub struct TrainArgs {
     /// Stop after this many steps.
     #[arg(long)]
     pub steps: Option<u64>,
-    /// The first scene that a forecast, `back`, `cut`, `foot` or `bearing` is fitted on, to make its data in parts.
+    /// The first scene that a forecast, `back`, `cut`, `farther`, `foot` or `bearing` is fitted on, to make its data in parts.
     #[arg(long, default_value_t = 0)]
     pub first: u64,
     /// Threads; at most `--slots` of them are used. Default: one per core. The weights do not depend on it.
@@ -126,6 +131,7 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
         SUCCESS => return success::run(&fit_on(SUCCESS_SCENES), output),
         BACK => return back::run(&fit_on(BACK_SCENES), output),
         CUT => return cut::run(&fit_on(CUT_SCENES), output),
+        FARTHER => return farther::run(&fit_on(FARTHER_SCENES), output),
         BEARING => return bearing::run(&fit_on(BEARING_SCENES), output),
         FOOT => return foot::run(&fit_on(FOOT_SCENES), output),
         STANDING => return standing::run(&fit_on(STANDING_SCENES), output),
@@ -137,7 +143,7 @@ pub fn run(args: &TrainArgs, output: Output) -> CommandResult {
         Failure::bad_input(
             "network",
             format!(
-                "expected joint, relations, discriminator, outcome, stability, standing, success, back, cut, foot or bearing, got {:?}",
+                "expected joint, relations, discriminator, outcome, stability, standing, success, back, cut, farther, foot or bearing, got {:?}",
                 args.network
             ),
         )
