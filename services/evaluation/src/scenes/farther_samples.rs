@@ -1,8 +1,9 @@
 //! How much farther than is believed the objects of training scenes go on at each of their ends, with what was measured of that: what
 //! [`repose_belief::farther`] is fitted on.
 
-use repose_belief::farther::{ENDS, MeasuredEnd, STEPS_M, measured, outwards, reach_m};
+use repose_belief::farther::{ENDS, MeasuredEnd, measured, outwards, reach_m};
 use repose_belief::front::{Front, span};
+use repose_belief::unseen_end::STEPS_M;
 use repose_belief::{Belief, BeliefSettings};
 use repose_geometry::Footprint;
 use repose_planner::PreparedScene;

@@ -1,8 +1,7 @@
 //! The levels that objects of training scenes may end at, and which of them are right: what [`repose_belief::foot`] is fitted on, and what [`repose_belief::foot_picture`] is
 //! trained on.
 
-use repose_belief::foot::RIGHT_M;
-use repose_belief::foot_levels::Level;
+use repose_belief::foot_levels::{Level, RIGHT_M};
 use repose_belief::foot_picture::DoubtfulFoot;
 use repose_belief::{Belief, BeliefSettings, SeenScene};
 use repose_simulator::scene::SceneObject;

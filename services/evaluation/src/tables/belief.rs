@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use repose_belief::BeliefSettings;
-use repose_belief::foot::RIGHT_M;
+use repose_belief::foot_levels::RIGHT_M;
 use repose_dataset::Split;
 use repose_networks::serving::spread;
 use repose_simulator::scene::{KindWeights, SceneKind};

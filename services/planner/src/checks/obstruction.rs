@@ -185,7 +185,7 @@ impl InWay {
 
 #[cfg(test)]
 mod tests {
-    use repose_belief::farther::UnseenEnd;
+    use repose_belief::unseen_end::UnseenEnd;
 
     use super::*;
     use crate::settings::Fixed;

@@ -18,9 +18,9 @@ use crate::checks::prisms::PlacedPrisms;
 use crate::scene::candidate::CandidatePose;
 use crate::scene::prepared::PreparedScene;
 use crate::settings::{GoalBy, RuleSettings};
-use repose_belief::farther::{STEPS_M, UnseenEnd};
 use repose_belief::outlines::to_outline_m;
 use repose_belief::shape::{Shape, Slab};
+use repose_belief::unseen_end::{STEPS_M, UnseenEnd};
 
 /// One of the two objects of a relation, as far as the rules need it.
 #[derive(Debug, Clone)]

@@ -8,11 +8,12 @@ use repose_proto::CallError;
 
 use crate::scene::prepared::PreparedScene;
 use crate::settings::Fixed;
-use repose_belief::farther::{UnseenEnd, reach_m};
+use repose_belief::farther::reach_m;
 use repose_belief::front::span;
 use repose_belief::offsets::Offsets;
 use repose_belief::outlines::to_outline_m;
 use repose_belief::shape::{Shape, Slab};
+use repose_belief::unseen_end::UnseenEnd;
 
 /// Beyond the clearance ring a cell counts that the shape reaches with this chance, …
 const LEAST_CHANCE: f32 = 0.1;

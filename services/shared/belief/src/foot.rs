@@ -11,13 +11,11 @@ use std::sync::LazyLock;
 use serde::{Deserialize, Serialize};
 
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
-use crate::foot_levels::{Level, MEASURES};
+use crate::foot_levels::{Level, MEASURES, RIGHT_M};
 
 /// The file that the trees come in.
 pub(crate) static FILE: &str = include_str!("../weights/foot.json");
 
-/// How far from the truth a level may be and still be the right one, metres.
-pub const RIGHT_M: f32 = 0.008;
 /// A level that is this much likelier than the rule's is taken in its place. Of what was tried, the fewest wrong objects on training scenes held out.
 const LIKELIER: f64 = 0.08;
 /// A level that is this likely may be the right one, though another is chosen. With half of that the same placements are right on validation scenes.

@@ -12,7 +12,6 @@ use nalgebra::{Point3, Vector2};
 use repose_geometry::Footprint;
 
 use crate::bearing::{self, Bearing, Candidate};
-use crate::foot::RIGHT_M;
 use crate::shape::Shape;
 use crate::standing::{ObservedGeometry, nth};
 
@@ -96,6 +95,8 @@ const OF_BEARING: usize = 28;
 /// How many these are.
 const BEARING_COUNT: usize = 10;
 
+/// How far from the truth a level may be and still be the right one, metres.
+pub const RIGHT_M: f32 = 0.008;
 /// Lengths are cut here, metres.
 const FAR_M: f32 = 0.3;
 /// What has fewer points is left to the rule.

@@ -60,6 +60,7 @@ pub mod sides;
 pub mod solid;
 pub mod standing;
 pub mod thin;
+pub mod unseen_end;
 pub mod view;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -407,7 +408,8 @@ fn standing_at(feet_m: &BTreeMap<u16, f32>, seen: &ObservedGeometry<'_>) -> BTre
         shapes.keys().filter(by_rule).filter_map(|id| complete(*id, seen.covered_top_m(*id, &shapes)?)).collect();
     shapes.extend(covering);
     // What stands on what it covers does so by the trees' word, too, unless they say another height.
-    let meets = |id: u16, covered: &Covered| feet_m.get(&id).is_none_or(|foot_m| (foot_m - covered.contact_m).abs() <= foot::RIGHT_M);
+    let meets =
+        |id: u16, covered: &Covered| feet_m.get(&id).is_none_or(|foot_m| (foot_m - covered.contact_m).abs() <= foot_levels::RIGHT_M);
     let covered = shapes.keys().filter_map(|id| Some((*id, seen.covered_by(*id).filter(|covered| meets(*id, covered))?))).collect();
     go_on_under(&mut shapes, &covered, seen.view, seen.columns);
     shapes

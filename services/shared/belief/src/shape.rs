@@ -10,10 +10,10 @@ use nalgebra::{Isometry3, Point2, Point3, Vector2};
 use repose_geometry::Footprint;
 
 use crate::far_side::far_side;
-use crate::farther::UnseenEnd;
 use crate::front::{Front, span};
 use crate::outlines::{area_centroid, outline_gap_m};
 use crate::settings::ShapeSettings;
+use crate::unseen_end::UnseenEnd;
 
 /// An upright prism.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,7 +2,8 @@
 //!
 //! How good the fit is is told on scenes that it has not seen, step by step: how often it comes true, and how true what is said of that is.
 
-use repose_belief::farther::{ENDS, Farther, FartherFitData, STEPS_M};
+use repose_belief::farther::{ENDS, Farther, FartherFitData};
+use repose_belief::unseen_end::STEPS_M;
 use repose_evaluation::scenes::farther_samples::{FIRST_SEED, SceneEnds};
 use repose_evaluation::statistics::calibration::Calibration;
 use repose_evaluation::statistics::forecast_fit::{FitSample, FitSettings, fit_log_odds};
