@@ -3,7 +3,7 @@
 //! [`run`] serves it over HTTP and WebSockets to any number of viewers. The page's files are in the program ([`page`]). Everything a viewer
 //! is told goes through its [`viewers::Outbox`], where a newer message of a kind takes the place of an older one that still waits, so that a
 //! slow viewer slows nobody; over a slow link the page keeps a [`pace`]. [`cell`] follows a cell while somebody looks; [`endpoints`] answers what viewers ask. [`access`] says who may.
-//! A console that is to end waits for the [`moves`] that it has begun.
+//! A console that is to end waits for the moves that it has begun ([`Moves`](repose_runtime::Moves)).
 
 pub mod access;
 pub mod activity;
