@@ -5,7 +5,6 @@
 //! what it has begun to its end ([`Moves`](repose_runtime::Moves)).
 
 use std::collections::BTreeMap;
-use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -14,7 +13,7 @@ use repose_pictures::scene::with_numbered_outlines;
 use repose_proto::motion::{ExecuteReply, ExecutionOutcome, MotionPlan, MotionPlanRequest};
 use repose_proto::robot::{RobotMode, RobotState};
 use repose_proto::{CallError, ErrorCode, Payload};
-use repose_runtime::{CallOptions, CancellationToken, call_moving};
+use repose_runtime::{CallOptions, CancellationToken};
 use repose_sentences::fate;
 use repose_tracking::{Fate, Followed, changes, holds};
 use schemars::JsonSchema;
@@ -84,7 +83,7 @@ impl Desk {
         };
         // From here on it may have moved something, whatever the answer is.
         self.plans().remove(&plan.id);
-        let reply = self.moved(&motion, &cancel).await?;
+        let reply = self.moved(&motion, cancel).await?;
         // It has moved: an agent that was told of an error would think that it has not.
         let seen = tokio::select! {
             seen = self.fresh(&plan.session, self.deadline()) => seen,
@@ -97,18 +96,10 @@ impl Desk {
     }
 
     /// Has a motion carried out, until it is given up or this server can wait no longer: then the arm comes to rest.
-    async fn moved(&self, motion: &MotionPlan, cancel: &CancellationToken) -> Result<ExecuteReply, CallError> {
-        let cancel = cancel.child_token();
-        let options = CallOptions { cancel: cancel.clone(), ..CallOptions::at_most_once(LONGEST) };
-        let mut moving = pin!(call_moving(&self.session, &self.motion, "execute", Payload::json(motion)?, options));
-        let reply = tokio::select! {
-            reply = &mut moving => reply,
-            why = self.moves.cut_off() => {
-                cancel.cancel();
-                moving.await.map_err(|_| why)
-            }
-        };
-        reply?.payload.decode_json()
+    async fn moved(&self, motion: &MotionPlan, cancel: CancellationToken) -> Result<ExecuteReply, CallError> {
+        let options = CallOptions { cancel, ..CallOptions::at_most_once(LONGEST) };
+        let reply = self.moves.call(&self.session, &self.motion, "execute", Payload::json(motion)?, options).await?;
+        reply.payload.decode_json()
     }
 
     /// A motion that carries a plan out, from where the arm stands and on a fresh view, and which object is which in that view.

@@ -1,6 +1,5 @@
 //! What clients of ROS may ask for: a stop, a placement, a plan and, where the configuration allows it, its execution.
 
-use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,8 +8,7 @@ use repose_proto::robot::RobotState;
 use repose_proto::{CallError, GoalTerm, Message, Payload, PlaceRequest, PlaceResult, Scene, Service};
 use repose_ros_messages as ros;
 use repose_runtime::{
-    CallOptions, Caller, CancellationToken, Moves, STATE_WITHIN, Session, UnderWay, call_moving, emergency_stop, fetch_newest,
-    reaching_robot, robot_state,
+    CallOptions, Caller, Moves, STATE_WITHIN, Session, UnderWay, emergency_stop, fetch_newest, reaching_robot, robot_state,
 };
 
 use crate::config::{RobotConfig, Ros2Config};
@@ -208,17 +206,9 @@ impl Desk {
 
     /// Has a plan carried out, until this bridge can wait no longer: then the arm comes to rest.
     async fn execute(&self, plan: &MotionPlan) -> Result<ExecuteReply, BridgeError> {
-        let cancel = CancellationToken::new();
-        let options = CallOptions { cancel: cancel.clone(), ..CallOptions::at_most_once(EXECUTION) };
-        let mut moving = pin!(call_moving(&self.session, &self.motion, "execute", Payload::json(plan)?, options));
-        let answer = tokio::select! {
-            answer = &mut moving => answer,
-            why = self.moves.cut_off() => {
-                cancel.cancel();
-                moving.await.map_err(|_| why)
-            }
-        };
-        Ok(answer?.payload.decode_json()?)
+        let options = CallOptions::at_most_once(EXECUTION);
+        let answer = self.moves.call(&self.session, &self.motion, "execute", Payload::json(plan)?, options).await?;
+        Ok(answer.payload.decode_json()?)
     }
 
     /// A placement on the newest scene of a camera.

@@ -6,9 +6,11 @@
 //! [`crate::cut`], how far the belief goes beyond what was seen, and those metres; fitted on objects of training scenes whose true shapes are known
 //! (`repose train --network farther`). They come with the program, in `weights/farther.json`.
 
+use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use nalgebra::Vector2;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::boosted_trees::{BoostedTrees, UnreadableTrees};
@@ -16,6 +18,7 @@ use crate::cut::End;
 use crate::front::{Front, span};
 use crate::settings::BeliefSettings;
 use crate::shape::Shape;
+use crate::standing::ObservedGeometry;
 use crate::unseen_end::{STEPS_M, UnseenEnd};
 use crate::view::ObservedView;
 use crate::{back, cut};
@@ -136,6 +139,16 @@ impl Farther {
         let (outwards, measured) = (outwards(front), measured(front, shape, view, settings));
         std::array::from_fn(|end| UnseenEnd { outwards: outwards[end], chances: self.chances(end, &measured[end]) })
     }
+}
+
+/// Finds the ends of shapes that may be farther out.
+pub(crate) fn find_ends(shapes: &mut BTreeMap<u16, Shape>, seen: &ObservedGeometry<'_>) {
+    let eye = seen.view.eye().xy();
+    shapes.par_iter_mut().for_each(|(id, shape)| {
+        if let Some(front) = Front::of(&seen.clouds[id], shape.bottom_m, &eye, &seen.settings.shape) {
+            shape.ends = Farther::own().ends(&front, shape, seen.view, seen.settings).into();
+        }
+    });
 }
 
 /// What the trees of the far end and those of the others read.

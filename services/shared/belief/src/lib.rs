@@ -80,7 +80,7 @@ use covering::{Covered, go_on_under};
 use crown::is_crowned;
 use cut::Cut;
 use far_side::solid_runs;
-use farther::Farther;
+use farther::find_ends;
 use filling::Filling;
 use foot::Chosen;
 use foot_levels::Level;
@@ -362,16 +362,6 @@ fn completed(seen: &ObservedGeometry<'_>) -> BTreeMap<u16, Shape> {
         });
     }
     shapes
-}
-
-/// Finds the ends of shapes that may be farther out.
-fn find_ends(shapes: &mut BTreeMap<u16, Shape>, seen: &ObservedGeometry<'_>) {
-    let eye = seen.view.eye().xy();
-    shapes.par_iter_mut().for_each(|(id, shape)| {
-        if let Some(front) = Front::of(&seen.clouds[id], shape.bottom_m, &eye, &seen.settings.shape) {
-            shape.ends = Farther::own().ends(&front, shape, seen.view, seen.settings).into();
-        }
-    });
 }
 
 /// The shapes that the network completes; where it says nothing, those of the rules.

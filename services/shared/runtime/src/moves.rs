@@ -2,11 +2,17 @@
 //! (`on_client_loss`): a client that is to end begins no other, and waits for those under way.
 
 use std::collections::BTreeMap;
+use std::pin::pin;
 use std::time::Duration;
 
-use repose_proto::{CallError, ErrorCode};
+use repose_proto::{CallError, ErrorCode, Payload};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
+
+use crate::call_options::CallOptions;
+use crate::caller::{Answer, Caller};
+use crate::robots::call_moving;
+use crate::session::Session;
 
 /// How long moves that are cut off may take to end: their arms come to rest, and whoever asked for them is told so.
 const CUT_OFF: Duration = Duration::from_secs(2);
@@ -120,6 +126,29 @@ impl Moves {
     pub async fn cut_off(&self) -> CallError {
         self.cut_off.cancelled().await;
         CallError::new(ErrorCode::Unavailable, format!("{} has ended before this was over: look at the robot", self.whose))
+    }
+
+    /// Calls a method that moves a robot as [`call_moving`] does, until those under way are cut off: then it is cancelled, and the arm comes to rest.
+    ///
+    /// # Errors
+    /// Those of [`call_moving`]; once it was cut off, what [`Self::cut_off`] says.
+    pub async fn call(
+        &self,
+        session: &Session,
+        motion: &Caller,
+        method: &str,
+        payload: Payload,
+        options: CallOptions,
+    ) -> Result<Answer, CallError> {
+        let cancel = options.cancel.child_token();
+        let mut moving = pin!(call_moving(session, motion, method, payload, CallOptions { cancel: cancel.clone(), ..options }));
+        tokio::select! {
+            answer = &mut moving => answer,
+            why = self.cut_off() => {
+                cancel.cancel();
+                moving.await.map_err(|_| why)
+            }
+        }
     }
 
     /// Waits until none is under way and no answer is owed.
